@@ -1,0 +1,1 @@
+"""Transforms, clouds, cameras, planes, meshes and signed-distance grids (numpy only)."""

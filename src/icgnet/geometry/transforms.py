@@ -1,0 +1,97 @@
+"""Rigid transforms as 4 x 4 matrices. `T_a_b` maps coordinates in frame b to frame a; quaternions are wxyz."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from icgnet.errors import InputError
+
+
+def make_transform(
+    rotation: Float[np.ndarray, "*b 3 3"], translation: Float[np.ndarray, "*b 3"]
+) -> Float[np.ndarray, "*b 4 4"]:
+    """The transforms with these rotations and translations [m]; leading axes broadcast."""
+    rotation, translation = np.asarray(rotation, float), np.asarray(translation, float)
+    batch = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    transform = np.zeros((*batch, 4, 4))
+    transform[..., :3, :3] = rotation
+    transform[..., :3, 3] = translation
+    transform[..., 3, 3] = 1.0
+    return transform
+
+
+def invert_transform(T_a_b: Float[np.ndarray, "*b 4 4"]) -> Float[np.ndarray, "*b 4 4"]:
+    """`T_b_a`, by transposing the rotation."""
+    R_b_a = np.swapaxes(T_a_b[..., :3, :3], -1, -2)
+    return make_transform(R_b_a, -(R_b_a @ T_a_b[..., :3, 3:])[..., 0])
+
+
+def transform_points(T_a_b: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    """Points [m] of frame b in frame a."""
+    return points @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def transform_vectors(T_a_b: Float[np.ndarray, "4 4"], vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    """Directions of frame b in frame a (rotated, not shifted)."""
+    return vectors @ T_a_b[:3, :3].T
+
+
+def rotation_z(angle: float) -> Float[np.ndarray, "3 3"]:
+    """Rotation about +z by `angle` [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def yaw_about(centre: Float[np.ndarray, "3"], angle: float) -> Float[np.ndarray, "4 4"]:
+    """The transform that turns space by `angle` [rad] about the vertical through `centre` [m]."""
+    rotation = rotation_z(angle)
+    return make_transform(rotation, centre - rotation @ centre)
+
+
+def quaternion_to_matrix(quaternion: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3 3"]:
+    """Rotation matrices of wxyz quaternions (normalised on the way)."""
+    quaternion = np.asarray(quaternion, float)
+    flat = Rotation.from_quat(quaternion.reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix()
+    return flat.reshape(*quaternion.shape[:-1], 3, 3)
+
+
+def matrix_to_quaternion(rotation: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 4"]:
+    """Quaternions (wxyz) of rotation matrices, with w >= 0."""
+    rotation = np.asarray(rotation, float)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return flat[:, [3, 0, 1, 2]].reshape(*rotation.shape[:-2], 4)
+
+
+def random_rotation(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+    """A rotation drawn uniformly from SO(3)."""
+    quaternion = rng.normal(size=4)
+    return quaternion_to_matrix(quaternion / np.linalg.norm(quaternion))
+
+
+def check_transform(transform: Float[np.ndarray, "4 4"], name: str) -> Float[np.ndarray, "4 4"]:
+    """The transform as float64, after making sure that it is rigid and right-handed.
+
+    Args:
+        transform: 4 x 4 homogeneous matrix, translation in [m].
+        name: how the caller calls it, for the message.
+
+    Raises:
+        InputError: wrong shape, non-finite entries, a bottom row other than (0, 0, 0, 1), or a rotation part that is
+            scaled, sheared or left-handed.
+    """
+    T = np.asarray(transform, float)
+    if T.shape != (4, 4):
+        raise InputError(f"{name} must be a 4x4 matrix, got shape {T.shape}")
+    if not np.isfinite(T).all():
+        raise InputError(f"{name} has non-finite entries: {T.round(3).tolist()}")
+    if not np.allclose(T[3], [0, 0, 0, 1], atol=1e-6):
+        raise InputError(f"{name} must end with the row (0, 0, 0, 1), got {T[3].tolist()}")
+    R = T[:3, :3]
+    error = np.abs(R.T @ R - np.eye(3)).max()
+    if error > 1e-3:
+        raise InputError(
+            f"{name} must have an orthonormal rotation, but R^T R differs from 1 by {error:.3g} (scale or shear)"
+        )
+    if np.linalg.det(R) < 0:
+        raise InputError(f"{name} must be right-handed, but its rotation has determinant {np.linalg.det(R):.3f}")
+    return T

@@ -1,0 +1,15 @@
+"""Fixtures that more than one folder of tests needs."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def vgn_objects() -> Path:
+    """Folder of the VGN object set; tests that need it are skipped where it is absent."""
+    folder = os.environ.get("ICGNET_OBJECTS")
+    if not folder or not (Path(folder) / "packed" / "train").is_dir():
+        pytest.skip("needs the VGN object set: set ICGNET_OBJECTS to the folder with packed/ and pile/")
+    return Path(folder)
