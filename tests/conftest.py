@@ -4,6 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Times vary with what else the machine does, so no example fails for being slow.
+settings.register_profile("icgnet", deadline=None)
+settings.load_profile("icgnet")
 
 
 @pytest.fixture(scope="session")

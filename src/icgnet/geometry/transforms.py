@@ -8,8 +8,8 @@ from icgnet.errors import InputError
 
 
 def make_transform(
-    rotation: Float[np.ndarray, "*b 3 3"], translation: Float[np.ndarray, "*b 3"]
-) -> Float[np.ndarray, "*b 4 4"]:
+    rotation: Float[np.ndarray, "*#b 3 3"], translation: Float[np.ndarray, "*#b 3"]
+) -> Float[np.ndarray, "... 4 4"]:
     """The transforms with these rotations and translations [m]; leading axes broadcast."""
     rotation, translation = np.asarray(rotation, float), np.asarray(translation, float)
     batch = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])

@@ -18,7 +18,7 @@ CENTRE = np.array([SIZE / 2, SIZE / 2, SIZE / 2])
 
 def contains(points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, "n"]:
     """Which points [m] lie in the cube, at least `margin` [m] away from its faces."""
-    return ((points >= margin) & (points <= SIZE - margin)).all(axis=-1)
+    return np.all((points >= margin) & (points <= SIZE - margin), axis=-1)
 
 
 def above_table(points: Float[np.ndarray, "n 3"], table_height: float = TABLE_HEIGHT) -> Bool[np.ndarray, "n"]:

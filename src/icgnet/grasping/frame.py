@@ -20,9 +20,10 @@ def contact_frames(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 
     """The reference frames at contacts, with columns x0, y0 = normal, z0.
 
     Args:
-        normals: outward unit surface normals, world frame (z up).
+        normals: outward surface normals, world frame (z up); scaled to length 1, so that single precision is enough.
     """
     y = np.asarray(normals, float)
+    y = y / np.linalg.norm(y, axis=1, keepdims=True)
     vertical = np.abs(y[:, 2]) > SINGULAR_COSINE
     x = np.cross([0.0, 0.0, 1.0], y)
     x[vertical] = np.array([1.0, 0.0, 0.0]) - y[vertical, :1] * y[vertical]

@@ -71,7 +71,7 @@ class Gripper:
 
     def surface_points(self, opening: float, spacing: float = 0.008) -> Float[np.ndarray, "h 3"]:
         """Points on the hand's boxes, at most `spacing` [m] apart, in the grasp frame."""
-        return np.concatenate([_box_surface(box, spacing) for box in self.boxes(opening)])
+        return np.concatenate([np.zeros((0, 3)), *(_box_surface(box, spacing) for box in self.boxes(opening))])
 
 
 def _box_surface(box: Box, spacing: float) -> Float[np.ndarray, "h 3"]:
@@ -125,7 +125,7 @@ def _parse_boxes(entries: list[dict[str, list[float]]]) -> tuple[Box, ...]:
     boxes = []
     for entry in entries:
         lower, upper = np.array(entry["lower"], float), np.array(entry["upper"], float)
-        if lower.shape != (3,) or upper.shape != (3,) or (upper <= lower).any():
+        if lower.shape != (3,) or upper.shape != (3,) or not (upper > lower).all():
             raise ValueError(f"a box needs lower < upper with three numbers each, got {entry}")
         boxes.append(Box(tuple((lower + upper) / 2), tuple(upper - lower)))
     return tuple(boxes)

@@ -1,0 +1,251 @@
+"""Where the objects could be grasped, how well that would go, and what the hand would hit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float, Int
+
+from icgnet.geometry.clouds import estimate_normals, voxel_downsample
+from icgnet.geometry.workspace import TABLE_HEIGHT, above_table, contains
+from icgnet.grasping.collision import Reason, check_collisions
+from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
+from icgnet.grasping.grasps import Grasps
+from icgnet.grasping.gripper import Gripper
+from icgnet.instances import Instance
+from icgnet.network.icgnet import IcgNet
+from icgnet.shapes import Shape, scene_occupancy
+from icgnet.tabletop import Tabletop
+
+CONTACT_VOXEL = 0.003
+"""Contacts are the points of an object thinned to this [m]."""
+STEEP = 0.5
+"""Normals with |z| above this need a hand that comes from the side; the training contacts are mostly others, too."""
+STEEP_WEIGHT = 0.2
+CONTACTS_AT_ONCE = 512
+CHECKS_AT_ONCE = 48
+
+
+@dataclass(frozen=True)
+class GraspSearch:
+    """How grasps are looked for; the defaults are what the benchmark runs with.
+
+    Attributes:
+        contacts: contact points that are scored for each window, shared among its objects.
+        min_score: candidates below this are dropped unseen.
+        per_object: free grasps after which an object has enough.
+        max_checked: candidates that are checked for collision at most.
+        width_from: whether the hand's opening comes from the network's width or from a ray through the shape.
+        resample: score points of the predicted surfaces, too, when the seen points give too few good grasps.
+        few: fewer good grasps than this are too few.
+        good_score: a grasp from this score on is good.
+    """
+
+    contacts: int = 512
+    min_score: float = 0.1
+    per_object: int = 16
+    max_checked: int = 2048
+    width_from: Literal["network", "shape"] = "network"
+    resample: bool = True
+    few: int = 5
+    good_score: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Points on the objects, table frame.
+
+    Attributes:
+        points: where the +y finger would touch [m].
+        normals: outward unit normals there.
+        instances: index of the object.
+    """
+
+    points: Float[np.ndarray, "c 3"]
+    normals: Float[np.ndarray, "c 3"]
+    instances: Int[np.ndarray, "c"]
+
+    def select(self, index: Int[np.ndarray, "k"]) -> "Contacts":
+        """The contacts at these indices."""
+        return Contacts(self.points[index], self.normals[index], self.instances[index])
+
+    @staticmethod
+    def concatenate(parts: Sequence["Contacts"]) -> "Contacts":
+        """All contacts of the parts; at least one."""
+        return Contacts(
+            np.concatenate([part.points for part in parts]),
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate([part.instances for part in parts]),
+        )
+
+
+def seen_contacts(
+    tabletop: Tabletop, instances: Sequence[Instance], budget: int, rng: np.random.Generator
+) -> Contacts:
+    """Contacts among the points that the camera saw.
+
+    Args:
+        tabletop: the scene.
+        instances: its objects.
+        budget: contacts for each window, shared evenly among its objects.
+        rng: draws the contacts.
+    """
+    parts = []
+    for number, instance in enumerate(instances):
+        share = budget // sum(other.view is instance.view for other in instances)
+        points, _ = voxel_downsample(tabletop.cloud.points[instance.rows], CONTACT_VOXEL)
+        # Normals only for points that have a chance, but from all neighbours.
+        tried = points[rng.permutation(len(points))[: 2 * share]]
+        normals = estimate_normals(points, tabletop.cloud.viewpoint, queries=tried)
+        parts.append(_draw(Contacts(tried, normals, np.full(len(tried), number)), share, rng))
+    return Contacts.concatenate(parts)
+
+
+def surface_contacts(
+    shapes: Sequence[Shape], budget: int, rng: np.random.Generator
+) -> Contacts:
+    """Contacts on the predicted surfaces, also where the camera saw nothing.
+
+    Paper: resampling of unobserved points for views from above. Differs: points are drawn evenly from the extracted
+    surface, instead of being moved onto it by gradient descent from the seen points.
+    """
+    none = Contacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
+    parts = [none]
+    for number, shape in enumerate(shapes):
+        share = budget // sum(other.instance.view is shape.instance.view for other in shapes)
+        if len(shape.mesh.faces) == 0:
+            continue
+        drawn, faces = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))
+        points, normals = np.asarray(drawn, dtype=np.float64), np.asarray(shape.mesh.face_normals[faces])
+        usable = above_table(points) & contains(shape.instance.view.window.to_window(points))
+        contacts = Contacts(points[usable], normals[usable], np.full(usable.sum(), number))
+        parts.append(_draw(contacts, share, rng))
+    return Contacts.concatenate(parts)
+
+
+def _draw(contacts: Contacts, count: int, rng: np.random.Generator) -> Contacts:
+    """At most `count` of the contacts, those that a hand from above can use preferred."""
+    if len(contacts.points) <= count:
+        return contacts
+    weight = np.where(np.abs(contacts.normals[:, 2]) > STEEP, STEEP_WEIGHT, 1.0)
+    return contacts.select(rng.choice(len(weight), count, replace=False, p=weight / weight.sum()))
+
+
+def score_contacts(
+    network: IcgNet, shapes: Sequence[Shape], contacts: Contacts, gripper: Gripper, search: GraspSearch
+) -> tuple[Grasps, dict[str, int]]:
+    """The grasps that the network believes in, best first, and how many were dropped.
+
+    Paper: each contact is decoded for the twelve approach angles, with the query of its own object.
+
+    Args:
+        network: decodes the contacts.
+        shapes: the objects; their instances know window and query.
+        contacts: where to grasp, table frame.
+        gripper: the hand.
+        search: the settings.
+    """
+    probabilities = np.zeros((len(contacts.points), len(APPROACH_ANGLES)))
+    widths = np.zeros(len(contacts.points))
+    for view in {id(shape.instance.view): shape.instance.view for shape in shapes}.values():
+        members = np.array([shape.instance.view is view for shape in shapes])
+        index = np.flatnonzero(members[contacts.instances])
+        queries = np.array([shape.instance.query for shape in shapes])[contacts.instances]
+        for part in np.array_split(index, -(-len(index) // CONTACTS_AT_ONCE)) if len(index) else ():
+            affordance = network.decode_affordance(
+                view.embedding,
+                torch.from_numpy(queries[part]),
+                _tensor(view.window.to_window(contacts.points[part])),
+                _tensor(contacts.normals[part]),
+            )
+            probabilities[part] = torch.sigmoid(affordance.logits).numpy()
+            widths[part] = affordance.widths.numpy()
+    if search.width_from == "shape":
+        widths = _shape_widths(shapes, contacts, widths, gripper)
+    return _believed(probabilities, np.maximum(widths, 0.0), contacts, gripper, search)
+
+
+def _shape_widths(
+    shapes: Sequence[Shape], contacts: Contacts, predicted: Float[np.ndarray, "c"], gripper: Gripper
+) -> Float[np.ndarray, "c"]:
+    """Widths by rays through the shapes; where a ray misses its shape the predicted width stays."""
+    widths = predicted.copy()
+    for number, shape in enumerate(shapes):
+        own = np.flatnonzero(contacts.instances == number)
+        measured = shape.widths(contacts.points[own], contacts.normals[own], gripper.max_opening)
+        widths[own] = np.where(np.isnan(measured), predicted[own], measured)
+    return widths
+
+
+def _believed(
+    probabilities: Float[np.ndarray, "c a"],
+    widths: Float[np.ndarray, "c"],
+    contacts: Contacts,
+    gripper: Gripper,
+    search: GraspSearch,
+) -> tuple[Grasps, dict[str, int]]:
+    likely = probabilities >= search.min_score
+    fits = widths <= gripper.max_opening
+    rejected = {"low_score": int((~likely).sum()), "too_wide": int((likely & ~fits[:, None]).sum())}
+    contact, angle = np.nonzero(likely & fits[:, None])
+    used, position = np.unique(contact, return_inverse=True)
+    poses = grasp_poses(contacts.points[used], contacts.normals[used], widths[used], gripper.finger_reach)
+    grasps = Grasps(
+        poses=poses[position, angle],
+        widths=widths[contact],
+        scores=probabilities[contact, angle],
+        instances=contacts.instances[contact],
+        contacts=contacts.points[contact],
+        angles=angle,
+    )
+    return grasps.sorted(), rejected
+
+
+def keep_free(
+    grasps: Grasps, shapes: Sequence[Shape], tabletop: Tabletop, gripper: Gripper, search: GraspSearch
+) -> tuple[Grasps, dict[str, int]]:
+    """The best grasps whose hand touches nothing on its way, and how many were dropped for what.
+
+    Candidates are checked in the order of their score, until every object has enough.
+
+    Args:
+        grasps: candidates, table frame, best first.
+        shapes: everything on the table that the hand may hit.
+        tabletop: the measured points.
+        gripper: the hand.
+        search: the settings.
+    """
+    rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
+    points = tabletop.cloud.points[tabletop.standing]
+    found = np.zeros(len(shapes), dtype=np.int64)
+    checked = np.zeros(len(grasps), dtype=bool)
+    free: list[Int[np.ndarray, "k"]] = []
+    while checked.sum() < search.max_checked:
+        # Those of an object that has enough are left, without having been looked at.
+        wanted = ~checked & (found < search.per_object)[grasps.instances]
+        batch = np.flatnonzero(wanted)[:CHECKS_AT_ONCE]
+        if len(batch) == 0:
+            break
+        collisions = check_collisions(
+            grasps.poses[batch],
+            gripper.opening(grasps.widths[batch]),
+            gripper,
+            partial(scene_occupancy, shapes),
+            TABLE_HEIGHT,
+            points=points,
+        )
+        checked[batch] = True
+        free.append(batch[collisions.free])
+        found += np.bincount(grasps.instances[batch[collisions.free]], minlength=len(shapes))
+        for name in rejected:
+            rejected[name] += collisions.counts[name]
+    rejected["unchecked"] = int((~checked).sum())
+    return grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])).sorted(), rejected
+
+
+def _tensor(values: Float[np.ndarray, "..."]) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

@@ -1,0 +1,272 @@
+"""Depth images, clouds and calibrations from the files that cameras and other programs leave behind."""
+
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+import trimesh
+import yaml
+from jaxtyping import Float, Real
+from PIL import Image, UnidentifiedImageError
+
+from icgnet.errors import DataError, InputError
+from icgnet.geometry.camera import check_intrinsics, metric_depth
+from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.transforms import check_transform
+
+IMAGE_SUFFIXES = (".png", ".tif", ".tiff")
+TEXT_SUFFIXES = (".xyz", ".txt", ".csv")
+SUFFIXES = (*IMAGE_SUFFIXES, ".npz", ".npy", ".ply", *TEXT_SUFFIXES)
+CALIBRATION_SUFFIXES = (".json", ".yaml", ".yml", ".npz", ".mat")
+
+POINT_KEYS = ("points", "xyz", "pc", "cloud")
+INTRINSICS_KEYS = ("K", "k", "intrinsics", "intrinsic_matrix", "camera_matrix")
+POSE_KEYS = ("camera_pose", "T_world_camera", "pose")
+FOCAL_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
+# What reading a broken or foreign file raises in numpy, scipy, Pillow, trimesh and the parsers.
+READ_ERRORS = (
+    *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, NotImplementedError),
+    *(zipfile.BadZipFile, UnidentifiedImageError, yaml.YAMLError),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class DepthCapture:
+    """A depth image and how the camera stood.
+
+    Attributes:
+        depth: distance along the camera's z axis [m]; 0 or NaN where nothing was measured.
+        intrinsics: camera matrix [pixels].
+        camera_pose: T_world_camera, or None when it is not known.
+    """
+
+    depth: Real[np.ndarray, "h w"]
+    intrinsics: Float[np.ndarray, "3 3"]
+    camera_pose: Float[np.ndarray, "4 4"] | None = None
+
+
+def read_capture(
+    path: Path,
+    intrinsics: Sequence[str] = (),
+    depth_scale: float = 1.0,
+    camera_pose: Sequence[str] = (),
+    viewpoint: Sequence[float] | None = None,
+) -> DepthCapture | PointCloud:
+    """A depth capture or a cloud, whichever the file holds.
+
+    Args:
+        path: depth image (png, tif, npy), npz with `depth` and `K`, or cloud (ply, npy, npz, xyz).
+        intrinsics: four numbers fx fy cx cy, or the name of a file with the camera matrix; needed for a depth image
+            unless the npz has it.
+        depth_scale: stored depth units per metre.
+        camera_pose: the 16 numbers of T_world_camera row by row, or the name of a file with it.
+        viewpoint: where the camera stood, in the frame of the cloud [m].
+
+    Raises:
+        InputError: no such file, a kind that is not known, or options that do not fit.
+        DataError: the file cannot be read.
+    """
+    if not path.is_file():
+        raise InputError(f"no such input file: {path}")
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"unknown kind of input {path.name!r}; known are {', '.join(SUFFIXES)}")
+    content = _read_arrays(path)
+    if "depth" in content:
+        return _depth_capture(path, content, intrinsics, depth_scale, camera_pose, viewpoint)
+    if intrinsics or camera_pose:
+        raise InputError(f"{path} is a cloud: --intrinsics and --camera-pose are for depth images, give --viewpoint")
+    if viewpoint is None and "viewpoint" in content:
+        viewpoint = content["viewpoint"].tolist()
+    return PointCloud(content["points"], None if viewpoint is None else check_viewpoint(viewpoint), "cloud")
+
+
+def check_viewpoint(viewpoint: Any) -> Float[np.ndarray, "3"]:
+    """The viewpoint as float64.
+
+    Raises:
+        InputError: not three finite numbers.
+    """
+    position = np.asarray(viewpoint, dtype=np.float64)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise InputError(f"viewpoint must be three finite numbers x y z [m], got {np.asarray(viewpoint).tolist()}")
+    return position
+
+
+def read_intrinsics(source: Sequence[str]) -> Float[np.ndarray, "3 3"]:
+    """The camera matrix [pixels] from four numbers fx fy cx cy or from a file.
+
+    Files are JSON, YAML, npz or mat with a matrix under K, intrinsics, intrinsic_matrix or camera_matrix (also the
+    forms of ROS and Open3D), or with fx, fy, cx, cy.
+
+    Raises:
+        InputError: neither of both, or not a camera matrix.
+        DataError: the file cannot be read or holds no camera matrix.
+    """
+    if len(source) == 1:
+        return _find_intrinsics(_read_calibration(Path(source[0])), source[0])
+    numbers = _numbers(source, 4, "--intrinsics takes fx fy cx cy or one file")
+    return _pinhole(numbers)
+
+
+def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
+    """T_world_camera from 16 numbers, row by row, or from a file (npy, txt, JSON, YAML, npz, mat).
+
+    Raises:
+        InputError: neither of both, or not a rigid right-handed transform.
+        DataError: the file cannot be read or holds no pose.
+    """
+    if len(source) != 1:
+        numbers = _numbers(source, 16, "--camera-pose takes 16 numbers (T_world_camera row by row) or one file")
+        return _checked_pose(numbers.reshape(4, 4), "camera pose")
+    path = Path(source[0])
+    if path.suffix.lower() in (".npy", ".txt"):
+        matrix = _read_arrays(path, as_points=False)["array"]
+    else:
+        content = _read_calibration(path)
+        matrix = next((content[key] for key in POSE_KEYS if key in content), content.get("matrix"))
+    if matrix is None:
+        raise DataError(f"{path} holds no camera pose under any of {', '.join(POSE_KEYS)}")
+    return _checked_pose(matrix, f"camera pose in {path}")
+
+
+def _depth_capture(
+    path: Path,
+    content: Mapping[str, np.ndarray],
+    intrinsics: Sequence[str],
+    depth_scale: float,
+    camera_pose: Sequence[str],
+    viewpoint: Sequence[float] | None,
+) -> DepthCapture:
+    if viewpoint is not None:
+        raise InputError(f"{path} is a depth image: --viewpoint is for clouds, give --camera-pose")
+    if intrinsics:
+        matrix = read_intrinsics(intrinsics)
+    elif any(key in content for key in INTRINSICS_KEYS):
+        matrix = _find_intrinsics(content, str(path))
+    else:
+        raise InputError(f"{path} is a depth image without camera matrix: give --intrinsics fx fy cx cy or a file")
+    pose = None
+    if camera_pose:
+        pose = read_camera_pose(camera_pose)
+    elif "camera_pose" in content:
+        pose = _checked_pose(content["camera_pose"], f"camera_pose in {path}")
+    if content["depth"].ndim != 2:
+        raise InputError(f"depth in {path} must be one image of shape (h, w), got shape {content['depth'].shape}")
+    return DepthCapture(metric_depth(content["depth"], depth_scale), matrix, pose)
+
+
+def _read_arrays(path: Path, as_points: bool = True) -> dict[str, np.ndarray]:
+    """The arrays of an input file, under `depth` for an image and `points` for a cloud."""
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise InputError(f"no such file: {path}")
+    try:
+        if suffix in IMAGE_SUFFIXES:
+            with Image.open(path) as image:
+                return {"depth": np.asarray(image)}
+        if suffix == ".npz":
+            return _name_points(path, _read_npz(path))
+        if suffix == ".ply":
+            return {"points": np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64)}  # pyright: ignore
+        if suffix == ".npy":
+            array = np.load(path, allow_pickle=False)
+        else:
+            array = np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)
+    except READ_ERRORS as error:
+        raise DataError(f"cannot read {path}: {_first_line(error)}") from error
+    if not as_points:
+        return {"array": array}
+    if array.ndim == 2 and array.shape[1] > 10:
+        return {"depth": array}
+    if array.ndim == 3 and array.shape[2] == 3:
+        array = array.reshape(-1, 3)
+    if array.ndim != 2 or array.shape[1] < 3:
+        raise InputError(f"{path} must hold points (n, 3) or depth (h, w), got shape {array.shape}")
+    # Columns after the third are colours or normals.
+    return {"points": array[:, :3]}
+
+
+def _read_npz(path: Path) -> dict[str, np.ndarray]:
+    with np.load(path, allow_pickle=False) as saved:
+        return {key: saved[key] for key in saved.files}
+
+
+def _name_points(path: Path, content: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    if "depth" in content:
+        return content
+    key = next((key for key in POINT_KEYS if key in content), None)
+    if key is None:
+        raise InputError(f"{path} has neither 'depth' nor {', '.join(POINT_KEYS)}; it has {sorted(content)}")
+    return {**content, "points": content[key]}
+
+
+def _read_calibration(path: Path) -> Mapping[str, Any]:
+    """The entries of a calibration file; a file that is a bare matrix has it under `matrix`."""
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise InputError(f"no such calibration file: {path}")
+    if suffix not in CALIBRATION_SUFFIXES:
+        raise InputError(f"unknown kind of calibration {path.name!r}; known are {', '.join(CALIBRATION_SUFFIXES)}")
+    try:
+        if suffix == ".npz":
+            return _read_npz(path)
+        if suffix == ".mat":
+            return scipy.io.loadmat(path)
+        content = json.loads(path.read_text()) if suffix == ".json" else yaml.safe_load(path.read_text())
+    except READ_ERRORS as error:
+        raise DataError(f"cannot read {path}: {_first_line(error)}") from error
+    return content if isinstance(content, dict) else {"matrix": content}
+
+
+def _find_intrinsics(content: Mapping[str, Any], source: str) -> Float[np.ndarray, "3 3"]:
+    for names in FOCAL_KEYS:
+        if all(name in content for name in names):
+            return _pinhole(_numbers([content[name] for name in names], 4, f"focal lengths in {source}"))
+    entry = next((content[key] for key in INTRINSICS_KEYS if key in content), content.get("matrix"))
+    if isinstance(entry, dict):
+        entry = entry.get("data")
+    if entry is None:
+        raise DataError(f"{source} holds no camera matrix under any of {', '.join(INTRINSICS_KEYS)}, nor fx fy cx cy")
+    try:
+        matrix = np.asarray(entry, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"the camera matrix in {source} is not made of numbers: {entry!r}") from error
+    if matrix.shape == (9,):
+        # Open3D writes columns, ROS rows: the row (0, 0, 1) is the last in both.
+        matrix = matrix.reshape(3, 3) if matrix[6] == matrix[7] == 0 else matrix.reshape(3, 3).T
+    return check_intrinsics(matrix)
+
+
+def _pinhole(numbers: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
+    fx, fy, cx, cy = numbers
+    return check_intrinsics(np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
+
+
+def _checked_pose(matrix: Any, name: str) -> Float[np.ndarray, "4 4"]:
+    try:
+        pose = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not made of numbers") from error
+    if pose.shape != (4, 4):
+        raise InputError(f"{name} must be a 4x4 matrix, got shape {pose.shape}")
+    return check_transform(pose, name)
+
+
+def _numbers(values: Sequence[Any], count: int, usage: str) -> Float[np.ndarray, "count"]:
+    try:
+        numbers = np.array([float(value) for value in values])
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{usage}, got {list(values)}") from error
+    if len(numbers) != count:
+        raise InputError(f"{usage}, got {len(numbers)} values: {list(values)}")
+    return numbers
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

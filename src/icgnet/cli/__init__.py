@@ -1,0 +1,1 @@
+"""The command line: icgnet demo | predict | view | generate | train | objects."""

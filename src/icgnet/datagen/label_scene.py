@@ -1,0 +1,126 @@
+"""From a random stream to one labelled scene."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
+from icgnet.errors import InputError
+from icgnet.geometry.transforms import matrix_to_quaternion
+from icgnet.grasping.gripper import Gripper
+from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.simulation.contacts import sample_contacts
+from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.scene import Scene, world_mesh
+from icgnet.simulation.scenes import spawn_scene
+from icgnet.simulation.trials import Jitter, Trials
+
+MAX_EMPTY_SCENES = 100  # this many scenes without any object in a row mean that the object set is unusable
+
+
+@dataclass(frozen=True)
+class Variation:
+    """Ranges of what is drawn once a scene for the label trials (scenes themselves settle with fixed physics).
+
+    Attributes:
+        mass: of every object [kg].
+        pad_friction: sliding friction of the finger pads.
+    """
+
+    mass: tuple[float, float] = (0.3, 0.7)
+    pad_friction: tuple[float, float] = (0.6, 0.9)
+
+    def __post_init__(self) -> None:
+        for name, (lower, upper) in (("mass", self.mass), ("pad_friction", self.pad_friction)):
+            if not 0.0 < lower <= upper:
+                raise InputError(f"variation {name} must be a range of positive numbers, got ({lower}, {upper})")
+
+
+@dataclass(frozen=True)
+class LabelSettings:
+    """How scenes are labelled.
+
+    Attributes:
+        contacts: number of contacts a scene.
+        object_count: objects to try for in every scene; drawn anew for each if None.
+        physics: engine and materials.
+        jitter: drawn anew for each trial.
+        variation: drawn anew for each scene.
+    """
+
+    contacts: int = 48
+    object_count: int | None = None
+    physics: Physics = Physics()
+    jitter: Jitter = Jitter()
+    variation: Variation = Variation()
+
+    def __post_init__(self) -> None:
+        if self.contacts < 1:
+            raise InputError(f"contacts must be at least 1, got {self.contacts}")
+        if self.object_count is not None and self.object_count < 1:
+            raise InputError(f"object_count must be at least 1, got {self.object_count}")
+
+
+def scene_rng(seed: int, scene_id: int) -> np.random.Generator:
+    """The random stream of a scene: child number `scene_id` of the run's seed, on any number of workers."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(scene_id,)))
+
+
+def label_scene(
+    scene_id: int, seed: int, kind: Kind, split: Split, object_set: ObjectSet, gripper: Gripper, settings: LabelSettings
+) -> Recipe:
+    """A random scene with labelled contacts.
+
+    Raises:
+        InputError: the object set has no objects for this kind and split, or none that stay in the workspace.
+    """
+    rng = scene_rng(seed, scene_id)
+    scene = _spawn(kind, object_set, split, rng, settings)
+    contacts = sample_contacts([world_mesh(placed, object_set) for placed in scene.objects], settings.contacts, rng)
+    physics = replace(
+        settings.physics,
+        object_mass=rng.uniform(*settings.variation.mass),
+        pad_friction=rng.uniform(*settings.variation.pad_friction),
+    )
+    bodies = [Body(object_set.model(placed.name), placed.scale, placed.T_world_object) for placed in scene.objects]
+    labels = Trials(bodies, gripper, physics).label(contacts, rng, settings.jitter)
+    return Recipe(
+        scene_id,
+        kind,
+        object_set.name,
+        split,
+        seed,
+        _recipe_objects(scene, object_set),
+        RecipeContacts(
+            positions=contacts.positions.astype(np.float32),
+            normals=contacts.normals.astype(np.float32),
+            objects=contacts.objects,
+            widths=labels.widths.astype(np.float32),
+            success=pack_bits(labels.success),
+            collided=pack_bits(labels.collided),
+            disturbed=pack_bits(labels.disturbed),
+        ),
+    )
+
+
+def _spawn(
+    kind: Kind, object_set: ObjectSet, split: Split, rng: np.random.Generator, settings: LabelSettings
+) -> Scene:
+    for _ in range(MAX_EMPTY_SCENES):
+        scene = spawn_scene(kind, object_set, split, rng, settings.object_count, settings.physics)
+        if scene.objects:
+            return scene
+    raise InputError(f"object set {object_set.name!r}: no object of {MAX_EMPTY_SCENES} {kind} scenes stayed in the workspace")
+
+
+def _recipe_objects(scene: Scene, object_set: ObjectSet) -> tuple[RecipeObject, ...]:
+    return tuple(
+        RecipeObject(
+            placed.name,
+            object_set.class_name(placed.name),
+            float(np.float32(placed.scale)),
+            placed.T_world_object[:3, 3].astype(np.float32),
+            matrix_to_quaternion(placed.T_world_object[:3, :3]).astype(np.float32),
+        )
+        for placed in scene.objects
+    )

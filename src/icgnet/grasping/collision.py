@@ -1,0 +1,259 @@
+"""Whether the open hand can come to a grasp without touching anything on its way.
+
+The hand approaches in a straight line along its own z axis, so the space that it passes is its boxes drawn out
+backwards. That space is tested against the table, the points that the camera measured, and a field of occupancy,
+which may come from a network, from meshes or from a formula.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int8
+
+from icgnet.geometry.clouds import voxel_downsample
+from icgnet.geometry.transforms import invert_transform
+from icgnet.geometry.workspace import TABLE_MARGIN
+from icgnet.grasping.gripper import Box, Gripper
+
+Occupancy = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n"]]
+"""From points [m] to the probability that they are inside of some object, in the frame of the grasps."""
+
+FINGER_SPACING = 0.006
+"""Distance of sample points on the fingers [m]: the wall of a cup must not slip between them."""
+PALM_SPACING = 0.012
+"""Distance of sample points on the palm [m]."""
+POINT_SPACING = 0.004
+"""Measured points are thinned to one in a cube of this edge [m]."""
+POINT_COUNT = 2
+"""So many of the thinned points inside the hand are a collision; a single one may be a stray."""
+BATCH = 200_000
+"""Points that the occupancy is asked for at once."""
+
+
+class Reason(IntEnum):
+    """Why a grasp was rejected, or FREE."""
+
+    FREE = 0
+    TABLE = 1
+    OBJECT = 2
+    POINTS = 3
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """What the hand meets at each grasp.
+
+    Attributes:
+        reason: the first `Reason` that was found: TABLE before POINTS before OBJECT.
+    """
+
+    reason: Int8[np.ndarray, "g"]
+
+    @property
+    def free(self) -> Bool[np.ndarray, "g"]:
+        """Which grasps meet nothing."""
+        return self.reason == Reason.FREE
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many grasps each reason holds for, by its name in lower case, "free" included."""
+        return {reason.name.lower(): int((self.reason == reason).sum()) for reason in Reason}
+
+
+def check_collisions(
+    poses: Float[np.ndarray, "g 4 4"],
+    openings: Float[np.ndarray, "g"],
+    gripper: Gripper,
+    occupancy: Occupancy,
+    table_height: float,
+    points: Float[np.ndarray, "n 3"] | None = None,
+    approach: float = 0.05,
+    threshold: float = 0.5,
+    margin: float = 0.001,
+) -> Collisions:
+    """What the open hand meets on the last stretch of its approach and at the grasp itself.
+
+    The object that is to be grasped counts like every other: only the space between the fingers may be occupied.
+
+    Args:
+        poses: T_world_grasp.
+        openings: distance between the pads while approaching [m].
+        gripper: the hand.
+        occupancy: probability that a point of the world is inside an object; asked for points above the table only.
+        table_height: height of the table plane [m].
+        points: measured points in the world [m], those of the table included or not; None if there are none.
+        approach: length of the stretch [m].
+        threshold: probability from which a point counts as occupied.
+        margin: measured points nearer to the hand than this are in it [m].
+
+    Returns:
+        The reason for every grasp. Cheap tests come first, and a grasp is only tested until a reason is found.
+    """
+    swept = _drawn_out(gripper, approach)
+    reason = np.full(len(poses), Reason.FREE, dtype=np.int8)
+    reason[hits_table(poses, openings, swept, table_height)] = Reason.TABLE
+    if points is not None:
+        free = np.flatnonzero(reason == Reason.FREE)
+        above = points[points[:, 2] > table_height + TABLE_MARGIN]
+        thinned, _ = voxel_downsample(above, POINT_SPACING)
+        reason[free[hits_points(poses[free], openings[free], swept, thinned, margin)]] = Reason.POINTS
+    # The fingers stand between the objects and have fewer points, so they decide most cases.
+    for part in _sample_parts(swept):
+        free = np.flatnonzero(reason == Reason.FREE)
+        hit = _hits_objects(poses[free], openings[free], part, occupancy, table_height, threshold)
+        reason[free[hit]] = Reason.OBJECT
+    return Collisions(reason)
+
+
+def hits_table(
+    poses: Float[np.ndarray, "g 4 4"], openings: Float[np.ndarray, "g"], gripper: Gripper, table_height: float
+) -> Bool[np.ndarray, "g"]:
+    """Whether any part of the hand is below the table plane.
+
+    Args:
+        poses: T_world_grasp.
+        openings: distance between the pads [m].
+        gripper: the hand.
+        table_height: height of the table plane [m].
+    """
+    hand = _HandBoxes.of(gripper)
+    upward = poses[:, 2, :3]
+    centres = poses[:, 2, 3, None] + np.einsum("gbd,gd->gb", hand.centres_at(openings), upward)
+    lowest = centres - np.abs(upward) @ hand.halves.T
+    return lowest.min(axis=1, initial=np.inf) < table_height
+
+
+def hits_points(
+    poses: Float[np.ndarray, "g 4 4"],
+    openings: Float[np.ndarray, "g"],
+    gripper: Gripper,
+    points: Float[np.ndarray, "n 3"],
+    margin: float = 0.001,
+) -> Bool[np.ndarray, "g"]:
+    """Whether at least `POINT_COUNT` points lie inside the hand's boxes.
+
+    Args:
+        poses: T_world_grasp.
+        openings: distance between the pads [m].
+        gripper: the hand.
+        points: points in the world [m]; hundreds to thousands, thinned by the caller.
+        margin: points nearer to a box than this are in it [m].
+    """
+    hand = _HandBoxes.of(gripper)
+    halves = hand.halves + margin
+    columns = points.T.astype(np.float32)
+    hit = np.zeros(len(poses), dtype=bool)
+    for index in _batches(len(poses), len(points)):
+        T_grasp_world = invert_transform(poses[index]).astype(np.float32)
+        centres = hand.centres_at(openings[index])
+        lower, upper = (centres - halves).min(axis=1), (centres + halves).max(axis=1)
+        # One axis and one box at a time, in single precision: small reductions would take ten times as long.
+        local = [T_grasp_world[:, axis, :3] @ columns + T_grasp_world[:, axis, 3:] for axis in range(3)]
+        near = np.ones((len(index), len(points)), dtype=bool)
+        for axis in range(3):
+            near &= (local[axis] >= lower[:, axis, None]) & (local[axis] <= upper[:, axis, None])
+        grasp, point = np.nonzero(near)
+        x, y, z = (values[grasp, point] for values in local)
+        inside = np.zeros(len(grasp), dtype=bool)
+        for box, (half_x, half_y, half_z) in enumerate(halves):
+            from_middle = y - centres[:, box, 1].astype(np.float32)[grasp]
+            inside |= (
+                (np.abs(x - hand.closed[box, 0]) <= half_x)
+                & (np.abs(from_middle) <= half_y)
+                & (np.abs(z - hand.closed[box, 2]) <= half_z)
+            )
+        hit[index] = np.bincount(grasp[inside], minlength=len(index)) >= POINT_COUNT
+    return hit
+
+
+def _hits_objects(
+    poses: Float[np.ndarray, "g 4 4"],
+    openings: Float[np.ndarray, "g"],
+    part: "_SamplePoints",
+    occupancy: Occupancy,
+    table_height: float,
+    threshold: float,
+) -> Bool[np.ndarray, "g"]:
+    """Whether any sample point of this part of the hand is occupied."""
+    hit = np.zeros(len(poses), dtype=bool)
+    for index in _batches(len(poses), len(part.closed)):
+        local = part.closed + openings[index, None, None] * part.slides
+        world = local @ poses[index, :3, :3].transpose(0, 2, 1) + poses[index, None, :3, 3]
+        grasp, point = np.nonzero(world[..., 2] > table_height)
+        occupied = occupancy(world[grasp, point]) > threshold
+        hit[index] = np.bincount(grasp[occupied], minlength=len(world)) > 0
+    return hit
+
+
+@dataclass(frozen=True)
+class _HandBoxes:
+    """The boxes of a hand as arrays, in the grasp frame.
+
+    Attributes:
+        closed: centres with the jaw closed [m].
+        slides: how far a centre moves per metre of opening; along y only.
+        halves: half of the edge lengths [m].
+    """
+
+    closed: Float[np.ndarray, "b 3"]
+    slides: Float[np.ndarray, "b 3"]
+    halves: Float[np.ndarray, "b 3"]
+
+    @staticmethod
+    def of(gripper: Gripper) -> "_HandBoxes":
+        closed = np.array([box.centre for box in gripper.boxes(0.0)])
+        opened = np.array([box.centre for box in gripper.boxes(1.0)])
+        return _HandBoxes(closed, opened - closed, np.array([box.size for box in gripper.boxes(0.0)]) / 2)
+
+    def centres_at(self, openings: Float[np.ndarray, "g"]) -> Float[np.ndarray, "g b 3"]:
+        """Centres of all boxes at each opening [m]."""
+        return self.closed + openings[:, None, None] * self.slides
+
+
+@dataclass(frozen=True)
+class _SamplePoints:
+    """Points on a part of the hand: where they are when it is closed [m], and how far they move per metre."""
+
+    closed: Float[np.ndarray, "h 3"]
+    slides: Float[np.ndarray, "h 3"]
+
+
+def _sample_parts(gripper: Gripper) -> tuple[_SamplePoints, _SamplePoints]:
+    """Sample points of the fingers and of the palm, without finger points that lie inside the palm."""
+    fingers, palm = replace(gripper, palm=()), replace(gripper, finger=())
+    closed = fingers.surface_points(0.0, FINGER_SPACING)
+    slides = fingers.surface_points(1.0, FINGER_SPACING) - closed
+    hidden = _inside_any(closed, gripper.palm) & _inside_any(closed + gripper.max_opening * slides, gripper.palm)
+    palm_points = palm.surface_points(0.0, PALM_SPACING)
+    return (
+        _SamplePoints(closed[~hidden], slides[~hidden]),
+        _SamplePoints(palm_points, np.zeros_like(palm_points)),
+    )
+
+
+def _inside_any(points: Float[np.ndarray, "n 3"], boxes: tuple[Box, ...]) -> Bool[np.ndarray, "n"]:
+    inside = np.zeros(len(points), dtype=bool)
+    for box in boxes:
+        inside |= (np.abs(points - box.centre) <= np.array(box.size) / 2).all(axis=1)
+    return inside
+
+
+def _drawn_out(gripper: Gripper, approach: float) -> Gripper:
+    """The gripper with every box drawn out by `approach` [m] against the approach direction."""
+
+    def draw(box: Box) -> Box:
+        (x, y, z), (length, depth, height) = box.centre, box.size
+        return Box((x, y, z - approach / 2), (length, depth, height + approach))
+
+    return replace(
+        gripper, palm=tuple(draw(box) for box in gripper.palm), finger=tuple(draw(box) for box in gripper.finger)
+    )
+
+
+def _batches(grasps: int, points: int) -> list[np.ndarray]:
+    """Indices of the grasps in parts whose grasps times points stay within `BATCH`."""
+    if grasps == 0:
+        return []
+    return np.array_split(np.arange(grasps), -(-grasps * max(points, 1) // BATCH))

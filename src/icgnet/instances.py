@@ -1,0 +1,149 @@
+"""The objects in the windows of a scene: encoded once, told apart, and each kept in one window only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from icgnet.geometry.visibility import visibility_grid
+from icgnet.network.embedding import SceneEmbedding
+from icgnet.network.icgnet import IcgNet
+from icgnet.network.inputs import make_scene_input
+from icgnet.objects.classes import CLASSES
+from icgnet.tabletop import Tabletop
+from icgnet.windows import Window, owners
+
+BATCH = 4
+"""Windows that are encoded at once."""
+FEWEST_VOXELS = 15
+"""An instance with fewer voxels is a scrap."""
+DUPLICATE_OVERLAP = 0.5
+"""Two instances that share more than this part of the smaller one's points are the same object."""
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedWindow:
+    """What the network knows of one window.
+
+    Attributes:
+        window: where the cube is.
+        rows: points of the tabletop's cloud in it.
+        point_to_voxel: voxel of each of them.
+        embedding: the encoded scene, in the frame of the window.
+    """
+
+    window: Window
+    rows: Int[np.ndarray, "n"]
+    point_to_voxel: Int[np.ndarray, "n"]
+    embedding: SceneEmbedding
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """One object as seen in one window.
+
+    Attributes:
+        view: the window that it was found in.
+        query: the network's query for it.
+        class_name: most probable class.
+        class_score: probability of that class.
+        rows: its points in the tabletop's cloud.
+    """
+
+    view: EncodedWindow
+    query: int
+    class_name: str
+    class_score: float
+    rows: Int[np.ndarray, "n"]
+
+
+def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -> list[EncodedWindow]:
+    """Embeddings of all windows that hold points."""
+    standing = tabletop.cloud.points[tabletop.standing]
+    inside = [tabletop.standing[window.inside(standing)] for window in windows]
+    filled = [(window, rows) for window, rows in zip(windows, inside, strict=True) if len(rows)]
+    viewpoint = tabletop.cloud.viewpoint
+    prepared = []
+    for window, rows in filled:
+        points = window.to_window(tabletop.cloud.points[rows])
+        # Also things outside of the cube hide what is in it.
+        visibility = (
+            None if viewpoint is None else visibility_grid(window.to_window(standing), window.to_window(viewpoint))
+        )
+        prepared.append(make_scene_input(points, network.config, visibility))
+    embeddings = []
+    for start in range(0, len(prepared), BATCH):
+        embeddings += network.encode([scene for scene, _ in prepared[start : start + BATCH]])
+    return [
+        EncodedWindow(window, rows, point_to_voxel, embedding)
+        for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
+    ]
+
+
+def find_instances(views: list[EncodedWindow], points: Float[np.ndarray, "n 3"]) -> list[Instance]:
+    """The objects of all windows, each once, the one with most points first.
+
+    Args:
+        views: the encoded windows.
+        points: the tabletop's cloud [m].
+    """
+    return keep_one_of_each([item for view in views for item in instances_of(view)], views, points)
+
+
+def instances_of(view: EncodedWindow) -> list[Instance]:
+    """The objects that one window shows: every voxel goes to the query that claims it most.
+
+    Paper: instance masks from the queries. Queries that say "no object" claim nothing.
+    """
+    output = view.embedding.stages[-1]
+    probabilities = torch.softmax(output.class_logits, dim=1).numpy()
+    queries = np.flatnonzero(probabilities.argmax(axis=1) < len(CLASSES))
+    if len(queries) == 0:
+        return []
+    query_of_voxel = queries[output.mask_logits.numpy()[:, queries].argmax(axis=1)]
+    instances = []
+    for query in queries:
+        if (query_of_voxel == query).sum() < FEWEST_VOXELS:
+            continue
+        class_id = int(probabilities[query, : len(CLASSES)].argmax())
+        rows = view.rows[query_of_voxel[view.point_to_voxel] == query]
+        instances.append(Instance(view, int(query), CLASSES[class_id], float(probabilities[query, class_id]), rows))
+    return instances
+
+
+def keep_one_of_each(
+    found: list[Instance], views: list[EncodedWindow], points: Float[np.ndarray, "n 3"]
+) -> list[Instance]:
+    """The instances without those that another window shows better; no point belongs to two of them.
+
+    A window knows best what lies in its core, so an object first belongs to the window whose middle is nearest to
+    it; after that the more complete one counts.
+
+    Args:
+        found: instances of all windows.
+        views: the encoded windows.
+        points: the tabletop's cloud [m].
+    """
+    windows = [view.window for view in views]
+    middles = np.array([points[item.rows].mean(axis=0) for item in found]).reshape(-1, 3)
+    at_home = [views[owner] is item.view for owner, item in zip(owners(windows, middles), found, strict=True)]
+    order = sorted(range(len(found)), key=lambda i: (not at_home[i], -len(found[i].rows)))
+    owner_of_point = np.full(len(points), -1)
+    kept: list[Instance] = []
+    for index in order:
+        item = found[index]
+        earlier = owner_of_point[item.rows]
+        if _is_duplicate(item, earlier, kept):
+            continue
+        free = item.rows[earlier < 0]
+        owner_of_point[free] = len(kept)
+        kept.append(Instance(item.view, item.query, item.class_name, item.class_score, free))
+    return sorted(kept, key=lambda item: -len(item.rows))
+
+
+def _is_duplicate(item: Instance, earlier: Int[np.ndarray, "n"], kept: list[Instance]) -> bool:
+    """Whether one of the kept instances shares most of its points with this one."""
+    shared = np.bincount(earlier[earlier >= 0], minlength=len(kept))
+    smaller = np.minimum([len(other.rows) for other in kept], len(item.rows))
+    return bool((shared > DUPLICATE_OVERLAP * smaller).any())

@@ -1,0 +1,1 @@
+"""The network: sparse and dense U-Net, queries, decoders, surface extraction."""

@@ -1,0 +1,71 @@
+"""Implicit decoders: residual blocks on point features, conditioned on a query."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from icgnet.network.config import NetworkConfig
+from icgnet.network.layers import ResidualBlock
+
+
+@dataclass(frozen=True, eq=False)
+class Affordance:
+    """What is predicted for contacts on an object."""
+
+    logits: Float[Tensor, "g a"]
+    """Success of the grasp at each approach angle."""
+    widths: Float[Tensor, " g"]
+    """Opening between the finger tips when they touch the object [m]."""
+    contact_logits: Float[Tensor, " g"]
+    """Whether any angle succeeds: cheap, to choose the contacts that are worth reading at hand points."""
+
+
+class ConditionedDecoder(nn.Module):
+    """Residual blocks, each told the query, its positional encoding and the scene scale.
+
+    Paper: implicit decoder following Occupancy Networks.
+    """
+
+    def __init__(self, config: NetworkConfig, outputs: int) -> None:
+        super().__init__()
+        width, latent = config.decoder_width, 2 * config.query_width + 1
+        self.start = nn.Linear(config.query_width + 4, width)
+        self.conditions = nn.ModuleList(nn.Linear(latent, width) for _ in range(config.decoder_blocks))
+        self.blocks = nn.ModuleList(ResidualBlock(width, width) for _ in range(config.decoder_blocks))
+        self.end = nn.Linear(width, outputs)
+
+    def forward(
+        self, features: Float[Tensor, "*p f"], latent: Float[Tensor, "*l c"]
+    ) -> Float[Tensor, "*p o"]:
+        """Outputs at points; `latent` broadcasts against the points (`[i 1 c]` for `[i n f]`)."""
+        scale = latent[..., -1:].expand(*features.shape[:-1], 1)
+        hidden = self.start(torch.cat([features, scale], -1))
+        for condition, block in zip(self.conditions, self.blocks, strict=True):
+            hidden = block(hidden + condition(latent))
+        return self.end(torch.relu(hidden))
+
+
+def centred_on_queries(
+    features: Float[Tensor, "n f"], query_positions: Float[Tensor, "i 3"]
+) -> Float[Tensor, "i n f"]:
+    """Point features for every query, with the first three channels (normalised position) relative to the query's."""
+    offsets = features[None, :, :3] - query_positions[:, None]
+    return torch.cat([offsets, features[None, :, 3:].expand(len(query_positions), -1, -1)], 2)
+
+
+class ContactDecoder(nn.Module):
+    """Success at all approach angles, and the width, from features at the contact alone.
+
+    Paper: the published affordance and width decoders (two separate ones); the width head is linear.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.quality = ConditionedDecoder(config, config.approach_angles)
+        self.width = ConditionedDecoder(config, 1)
+
+    def forward(self, features: Float[Tensor, "g f"], latent: Float[Tensor, "g c"]) -> Affordance:
+        logits = self.quality(features, latent)
+        return Affordance(logits, self.width(features, latent)[:, 0], logits.amax(1))

@@ -1,0 +1,150 @@
+"""The network: one cloud in; instances, classes, shapes and grasps out.
+
+Reads like the method section of the paper: features of surface and volume, token aggregation, query refinement, and
+decoders that are asked at points. Nothing is kept on the network between `encode` and the decoders.
+"""
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from icgnet.errors import InputError
+from icgnet.network.config import NetworkConfig
+from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, centred_on_queries
+from icgnet.network.dense_map import DenseMap
+from icgnet.network.dense_unet import DenseUNet
+from icgnet.network.embedding import SceneEmbedding
+from icgnet.network.hand_decoder import HandDecoder
+from icgnet.network.inputs import SceneInput
+from icgnet.network.interpolation import Interpolation, NeighbourPooling, feature_level
+from icgnet.network.positional import FourierEncoding, scene_bounds
+from icgnet.network.refinement import QueryRefinement, StageOutput
+from icgnet.network.sparse_unet import SparseUNet, VoxelPyramid
+from icgnet.network.tokens import Tokens, aggregate
+
+
+class IcgNet(nn.Module):
+    """Instance-centric grasp network.
+
+    Paper: the whole model. Preset `paper` is as published, `default` reads grasps where the hand is.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.sparse = SparseUNet(config)
+        self.dense = DenseUNet(config)
+        self.encoding = FourierEncoding(config)
+        self.refinement = QueryRefinement(config)
+        self.pooling = NeighbourPooling(config)
+        self.occupancy_features = Interpolation(config)
+        self.affordance_features = Interpolation(config)
+        self.occupancy = ConditionedDecoder(config, 1)
+        self.affordance = HandDecoder(config) if config.affordance == "hand" else ContactDecoder(config)
+
+    def encode(self, inputs: list[SceneInput]) -> list[SceneEmbedding]:
+        """Embeddings of a batch of scenes; the U-Nets run on all at once, the queries scene by scene.
+
+        Under `torch.autocast` only the U-Nets run in reduced precision: they are nearly all of the work, and what
+        comes after them is small and wants exact positions.
+
+        Raises:
+            InputError: for a scene without voxels, or a dense grid that is not of this configuration.
+        """
+        self._check(inputs)
+        coordinates = torch.cat([nn.functional.pad(s.voxels, (1, 0), value=b) for b, s in enumerate(inputs)])
+        pyramid = VoxelPyramid.build(coordinates)
+        surface = self.sparse(pyramid)
+        volume = self.dense(torch.stack([scene.dense for scene in inputs]))
+        positions = torch.cat([scene.positions for scene in inputs])
+        with _full_precision(positions):
+            tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size)
+            scenes = zip(inputs, tokens, volume, strict=True)
+            return [self._embed(scene, levels, maps) for scene, levels, maps in scenes]
+
+    def _embed(self, scene: SceneInput, levels: tuple[Tokens, ...], maps: tuple[DenseMap, ...]) -> SceneEmbedding:
+        bounds = scene_bounds(scene.positions, self.config)
+        query_positions, stages = self.refinement(levels, self.encoding, bounds)
+        return SceneEmbedding(
+            voxels=scene.voxels,
+            positions=scene.positions,
+            bounds=bounds,
+            tokens=levels,
+            dense_maps=maps,
+            dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), self.config.dense_pitch),
+            query_positions=query_positions,
+            stages=stages,
+        )
+
+    def decode_occupancy(
+        self,
+        embedding: SceneEmbedding,
+        queries: Int[Tensor, " i"],
+        points: Float[Tensor, "n 3"],
+        stage: int = -1,
+    ) -> Float[Tensor, "i n"]:
+        """Occupancy logits of the instances of the given queries at points [m, workspace frame]; above 0 is inside.
+
+        Differentiable in the points (through dense map and positions), for surface normals.
+
+        Raises:
+            InputError: for a stage that the configuration does not decode.
+        """
+        stage, _ = self._stage(embedding, stage)
+        level = feature_level(stage)
+        with _full_precision(points):
+            features = self.occupancy_features(points, embedding, level, self.pooling, self.encoding)
+            centres = embedding.bounds.normalise(embedding.query_positions[queries])
+            latent = self._latent(embedding, queries, embedding.stages[stage].queries)
+            return self.occupancy(centred_on_queries(features, centres), latent[:, None])[..., 0]
+
+    def decode_affordance(
+        self,
+        embedding: SceneEmbedding,
+        queries: Int[Tensor, " g"],
+        contacts: Float[Tensor, "g 3"],
+        normals: Float[Tensor, "g 3"],
+        stage: int = -1,
+    ) -> Affordance:
+        """Grasp success per approach angle and opening width at contacts, each with its own instance's query.
+
+        Args:
+            contacts: points on the objects [m, workspace frame].
+            normals: outward unit normals there (workspace frame); a network of the published kind ignores them.
+
+        Raises:
+            InputError: for a stage that the configuration does not decode.
+        """
+        stage, affordance_queries = self._stage(embedding, stage)
+        level = feature_level(stage)
+        with _full_precision(contacts):
+            features = self.affordance_features(contacts, embedding, level, self.pooling, self.encoding)
+            if isinstance(self.affordance, HandDecoder):
+                return self.affordance(features, affordance_queries[queries], contacts, normals, embedding)
+            return self.affordance(features, self._latent(embedding, queries, affordance_queries))
+
+    def _latent(self, embedding: SceneEmbedding, rows: Tensor, queries: Tensor) -> Tensor:
+        """Query, its positional encoding and the scene scale, for the chosen rows."""
+        positions = self.encoding(embedding.query_positions[rows], embedding.bounds)
+        scale = embedding.bounds.extent.expand(len(rows), 1)
+        return torch.cat([queries[rows], positions, scale], 1)
+
+    def _stage(self, embedding: SceneEmbedding, stage: int) -> tuple[int, Float[Tensor, "q c"]]:
+        stage = stage % len(embedding.stages)
+        output: StageOutput = embedding.stages[stage]
+        if output.affordance_queries is None:
+            raise InputError(f"stage {stage} is not decoded; this network decodes {self.config.decoded_stages}")
+        return stage, output.affordance_queries
+
+    def _check(self, inputs: list[SceneInput]) -> None:
+        size = self.config.dense_cells
+        expected = (self.config.dense_channels, size, size, size)
+        for number, scene in enumerate(inputs):
+            if len(scene.voxels) == 0:
+                raise InputError(f"scene {number} has no voxels")
+            if tuple(scene.dense.shape) != expected:
+                raise InputError(f"scene {number}: dense grid {tuple(scene.dense.shape)}, expected {expected}")
+
+
+def _full_precision(like: Tensor) -> torch.autocast:
+    return torch.autocast(like.device.type, enabled=False)

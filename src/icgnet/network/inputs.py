@@ -1,0 +1,82 @@
+"""From a cloud to what the network takes: sparse voxels and the dense grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from icgnet.errors import InputError
+from icgnet.network.config import NetworkConfig
+
+
+@dataclass(frozen=True, eq=False)
+class SceneInput:
+    """One scene as the network takes it, in the workspace frame, without the table."""
+
+    voxels: Int[Tensor, "v 3"]
+    """Indices of the occupied voxels (int64), any sign and extent."""
+    positions: Float[Tensor, "v 3"]
+    """Mean of the points of each voxel [m]."""
+    dense: Float[Tensor, "d x y z"]
+    """Occupancy of the workspace grid; with visibility also its value and a flag that it is known."""
+
+    def to(self, device: torch.device | str) -> "SceneInput":
+        """The same on another device."""
+        return SceneInput(self.voxels.to(device), self.positions.to(device), self.dense.to(device))
+
+
+def make_scene_input(
+    points: Float[np.ndarray, "n 3"], config: NetworkConfig, visibility: Float[np.ndarray, "x y z"] | None = None
+) -> tuple[SceneInput, Int[np.ndarray, " n"]]:
+    """The network's input for a cloud, and for each point the row of its voxel.
+
+    Args:
+        points: surface points without the table [m, workspace frame]; points outside the workspace keep their voxels
+            but do not appear in the dense grid.
+        config: of the network that will take it.
+        visibility: projective signed distance of the cells of the dense grid (+1 free, -1 hidden), None if the
+            viewpoint is not known. Ignored by a configuration without visibility.
+
+    Raises:
+        InputError: for an empty cloud, points that are not finite, or a visibility grid of another size.
+    """
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise InputError(f"points [n, 3] with n > 0 expected, got shape {points.shape}")
+    if not np.isfinite(points).all():
+        raise InputError("points contain NaN or infinity")
+    voxels, point_to_voxel = _unique_rows(np.floor(points / config.voxel_size).astype(np.int64))
+    counts = np.bincount(point_to_voxel, minlength=len(voxels))
+    sums = np.stack([np.bincount(point_to_voxel, weights=points[:, axis]) for axis in range(3)], 1)
+    dense = _dense_grid(points, config, visibility)
+    scene = SceneInput(
+        voxels=torch.from_numpy(voxels),
+        positions=torch.from_numpy((sums / counts[:, None]).astype(np.float32)),
+        dense=torch.from_numpy(dense),
+    )
+    return scene, point_to_voxel
+
+
+def _unique_rows(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted unique rows and each row's place among them; by one key per row, much faster than np.unique(axis=0)."""
+    lower = cells.min(0)
+    extent = cells.max(0) - lower + 1
+    keys = np.ravel_multi_index(tuple((cells - lower).T), tuple(extent))
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return cells[first], inverse
+
+
+def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarray | None) -> np.ndarray:
+    size = config.dense_cells
+    dense = np.zeros((config.dense_channels, size, size, size), np.float32)
+    cells = np.floor(points / config.dense_pitch).astype(np.int64)
+    inside = cells[((cells >= 0) & (cells < size)).all(1)]
+    dense[0, inside[:, 0], inside[:, 1], inside[:, 2]] = 1.0
+    if config.visibility and visibility is not None:
+        if visibility.shape != (size, size, size):
+            raise InputError(f"visibility {visibility.shape}: expected {(size, size, size)}")
+        dense[1] = visibility
+        dense[2] = 1.0
+    return dense

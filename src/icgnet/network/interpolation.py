@@ -1,0 +1,73 @@
+"""Features at any point of the scene, read from the tokens and the dense maps."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from icgnet.network.config import NetworkConfig
+from icgnet.network.embedding import SceneEmbedding
+from icgnet.network.layers import ResidualBlock
+from icgnet.network.positional import FourierEncoding
+from icgnet.network.tokens import Tokens, dense_map_widths, token_widths
+
+
+class NeighbourPooling(nn.Module):
+    """PointNet over the nearest tokens: which features are where, seen from the point.
+
+    Paper: interpolation, KNN with a small PointNet, so that the two sides of a surface differ.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        width = config.query_width
+        self.count = config.neighbours
+        self.layers = nn.Sequential(ResidualBlock(width + 3, width), ResidualBlock(width, width))
+
+    def forward(
+        self, points: Float[Tensor, "n 3"], tokens: Tokens, features: Float[Tensor, "t c"]
+    ) -> Float[Tensor, "n c"]:
+        """`features` are the tokens' features, projected to the width of the queries."""
+        rows = tokens.search.nearest(points, self.count)
+        offsets = (tokens.positions[rows] - points.detach()[:, None]) / tokens.pitch
+        nearby = features.index_select(0, rows.reshape(-1)).view(*rows.shape, -1)
+        return self.layers(torch.cat([nearby, offsets.to(nearby.dtype)], 2)).amax(1)
+
+
+class Interpolation(nn.Module):
+    """Point features of one task: positional encoding plus what the maps say there.
+
+    Paper: interpolation. As in the published network the features are added to the positional encoding (all but its
+    first three channels) and the normalised position is appended.
+    Differs: neighbours are found among the mean points of the voxels, not among their indices.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        width = config.query_width
+        self.first_level = min(feature_level(stage) for stage in config.decoded_stages)
+        levels = slice(self.first_level, None)
+        self.dense = nn.ModuleList(ResidualBlock(channels, width) for channels in dense_map_widths(config)[levels])
+        self.sparse = nn.ModuleList(ResidualBlock(channels, width) for channels in token_widths(config)[levels])
+        self.merge = ResidualBlock(2 * width, width - 3)
+
+    def forward(
+        self,
+        points: Float[Tensor, "n 3"],
+        embedding: SceneEmbedding,
+        level: int,
+        pooling: NeighbourPooling,
+        encoding: FourierEncoding,
+    ) -> Float[Tensor, "n c"]:
+        """Features at points [m, workspace frame], read at one level (0 coarse to 3 fine); width + 3 channels."""
+        tokens, own = embedding.tokens[level], level - self.first_level
+        volume = self.dense[own](embedding.dense_maps[level].trilinear(points))
+        surface = pooling(points, tokens, self.sparse[own](tokens.features))
+        features = self.merge(torch.cat([volume, surface], 1))
+        position = encoding(points, embedding.bounds)
+        return torch.cat([position[:, :3], position[:, 3:] + features, position[:, :3]], 1)
+
+
+def feature_level(stage: int) -> int:
+    """Level of the maps that the decoders read for the queries of a stage: stage i reads level i, the last the finest.
+    """
+    return min(stage, 3)

@@ -1,0 +1,154 @@
+"""Instance queries: their start, their refinement by masked attention, and what is predicted from them."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from icgnet.network.config import NetworkConfig
+from icgnet.network.layers import Attention, FeedForward, ResidualBlock
+from icgnet.network.neighbours import farthest_points
+from icgnet.network.positional import Bounds, FourierEncoding
+from icgnet.network.tokens import Tokens, token_widths
+
+
+@dataclass(frozen=True, eq=False)
+class StageOutput:
+    """What the queries say before a refinement stage, or (the last one) after all of them."""
+
+    queries: Float[Tensor, "q c"]
+    mask_logits: Float[Tensor, "v q"]
+    """Whether a voxel belongs to a query's instance."""
+    class_logits: Float[Tensor, "q k"]
+    """Scores of the classes; the last one is "no object"."""
+    affordance_queries: Float[Tensor, "q c"] | None
+    """The queries for the affordance decoder; None at stages that the configuration does not decode."""
+
+
+def attention_blocks(
+    mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshold: float
+) -> Bool[Tensor, "q t"]:
+    """Which tokens each query must not attend to: those that its pooled mask does not cover.
+
+    A query whose mask covers nothing attends to everything.
+    """
+    blocked = (torch.sigmoid(tokens.pool(mask_logits.detach())) < threshold).t()
+    return blocked & ~blocked.all(1, keepdim=True)
+
+
+class MaskHead(nn.Module):
+    """Mask logits: dot product of an embedding of the query with a projection of the finest tokens."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        width = config.query_width
+        self.project = nn.Linear(token_widths(config)[-1], width)
+        self.norm = nn.LayerNorm(width)
+        self.embed = nn.Sequential(*(ResidualBlock(width, width) for _ in range(3)), nn.Linear(width, width))
+
+    def forward(self, queries: Float[Tensor, "q c"], projected: Float[Tensor, "v c"]) -> Float[Tensor, "v q"]:
+        """`projected` is `self.project(finest token features)`, computed once for all stages."""
+        return projected @ self.embed(self.norm(queries)).t()
+
+
+class RefinementStage(nn.Module):
+    """One stage at one level: masked cross-attention to the tokens, self-attention, feed-forward.
+
+    Paper: query refinement, with the additional MLP on the scene features.
+    """
+
+    def __init__(self, token_width: int, config: NetworkConfig) -> None:
+        super().__init__()
+        width = config.query_width
+        self.tokens = nn.Sequential(ResidualBlock(token_width, width), FeedForward(width, config.token_feed_forward))
+        self.cross_attention = Attention(width, config.heads)
+        self.self_attention = Attention(width, config.heads)
+        self.feed_forward = FeedForward(width, config.feed_forward)
+
+    def forward(
+        self,
+        queries: Float[Tensor, "q c"],
+        query_positions: Float[Tensor, "q c"],
+        features: Float[Tensor, "t i"],
+        token_positions: Float[Tensor, "t c"],
+        blocked: Bool[Tensor, "q t"],
+    ) -> Float[Tensor, "q c"]:
+        tokens = self.tokens(features)
+        queries = self.cross_attention(queries, query_positions, tokens, token_positions, blocked)
+        queries = self.self_attention(queries, query_positions, queries, query_positions)
+        return self.feed_forward(queries)
+
+
+class AffordanceRefinement(nn.Module):
+    """Turns instance queries into affordance queries: feed-forward, then self-attention among the objects.
+
+    Paper: "a final self attention and MLP layer to exchange inter-object information".
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        width, hidden = config.query_width, config.affordance_feed_forward
+        self.start = FeedForward(width, hidden)
+        self.attentions = nn.ModuleList(Attention(width, config.heads) for _ in range(config.affordance_rounds))
+        self.feed_forwards = nn.ModuleList(FeedForward(width, hidden) for _ in range(config.affordance_rounds))
+
+    def forward(
+        self,
+        queries: Float[Tensor, "q c"],
+        query_positions: Float[Tensor, "q c"],
+        class_logits: Float[Tensor, "q k"],
+    ) -> Float[Tensor, "q c"]:
+        """Queries that are classed "no object" are not attended to, unless all are."""
+        empty = class_logits.detach().argmax(1) == class_logits.shape[1] - 1
+        blocked = (empty & ~empty.all()).expand(len(queries), -1)
+        queries = self.start(queries)
+        for attention, feed_forward in zip(self.attentions, self.feed_forwards, strict=True):
+            queries = feed_forward(attention(queries, query_positions, queries, query_positions, blocked))
+        return queries
+
+
+class QueryRefinement(nn.Module):
+    """From the tokens of a scene to its instance queries, in four stages, coarse to fine."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.query_width
+        self.content = nn.Parameter(torch.randn(config.queries, width))
+        self.stages = nn.ModuleList(RefinementStage(tokens, config) for tokens in token_widths(config))
+        self.mask_head = MaskHead(config)
+        self.class_head = nn.Sequential(ResidualBlock(width, width), nn.Linear(width, config.classes + 1))
+        self.affordance = AffordanceRefinement(config)
+
+    def forward(
+        self, levels: tuple[Tokens, ...], encoding: FourierEncoding, bounds: Bounds
+    ) -> tuple[Float[Tensor, "q 3"], tuple[StageOutput, ...]]:
+        """Positions of the queries [m, workspace frame], and the predictions of all stages."""
+        finest = levels[-1]
+        positions = finest.positions[farthest_points(finest.positions, self.config.queries)]
+        encoded = encoding(positions, bounds)
+        projected = self.mask_head.project(finest.features)
+        queries = self.content
+        outputs = [self._predict(0, queries, encoded, projected)]
+        for index, (stage, tokens) in enumerate(zip(self.stages, levels, strict=True)):
+            blocked = attention_blocks(outputs[-1].mask_logits, tokens, self.config.attention_threshold)
+            features, places = tokens.features, encoding(tokens.positions, bounds)
+            limit = self.config.tokens_per_level[index]
+            if self.training and len(features) > limit:
+                kept = torch.randperm(len(features), device=features.device)[:limit]
+                features, places, blocked = features[kept], places[kept], blocked[:, kept]
+                blocked = blocked & ~blocked.all(1, keepdim=True)
+            queries = stage(queries, encoded, features, places, blocked)
+            outputs.append(self._predict(index + 1, queries, encoded, projected))
+        return positions, tuple(outputs)
+
+    def _predict(self, index: int, queries: Tensor, encoded: Tensor, projected: Tensor) -> StageOutput:
+        class_logits = self.class_head(queries)
+        decoded = index in self.config.decoded_stages
+        return StageOutput(
+            queries=queries,
+            mask_logits=self.mask_head(queries, projected),
+            class_logits=class_logits,
+            affordance_queries=self.affordance(queries, encoded, class_logits) if decoded else None,
+        )

@@ -1,0 +1,99 @@
+"""Weights in one safetensors file that names its own configuration and is checked when read."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from icgnet.errors import DataError, InputError
+from icgnet.network.config import NetworkConfig
+from icgnet.network.icgnet import IcgNet
+
+FORMAT = "icgnet-weights-1"
+
+
+def save_weights(path: Path | str, network: IcgNet, metadata: dict[str, Any], half: bool = False) -> None:
+    """Write a network's weights and configuration, atomically.
+
+    Args:
+        path: file to write.
+        network: network on any device.
+        metadata: plain values about the training (JSON), given back by `load_weights`.
+        half: store kernels in 16 bits (IEEE half); vectors and statistics stay in 32.
+    """
+    path = Path(path)
+    tensors = {}
+    for name, tensor in network.state_dict().items():
+        stored = tensor.detach().cpu().contiguous()
+        tensors[name] = stored.half() if half and stored.is_floating_point() and stored.ndim > 1 else stored
+    header = {
+        "format": FORMAT,
+        "config": json.dumps(network.config.to_dict(), sort_keys=True),
+        "metadata": json.dumps(metadata, sort_keys=True),
+        "sha256": _digest(tensors),
+    }
+    partial = path.with_name(path.name + ".partial")
+    save_file(tensors, partial, header)
+    partial.replace(path)
+
+
+def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple[IcgNet, dict[str, Any]]:
+    """The network of a weights file, in evaluation mode, and the metadata that were saved with it.
+
+    Args:
+        path: file that `save_weights` wrote.
+        config: the configuration that the file must have; None takes the file's.
+
+    Raises:
+        DataError: for a missing, damaged or foreign file, or one of another configuration.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: no such weights file")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+    except (SafetensorError, OSError) as error:
+        raise DataError(f"{path}: not a readable safetensors file ({error})") from error
+    if header.get("format") != FORMAT:
+        raise DataError(f"{path}: not icgnet weights (format {header.get('format')!r}, expected {FORMAT!r})")
+    if header.get("sha256") != _digest(tensors):
+        raise DataError(f"{path}: damaged, the checksum of the weights does not match")
+    try:
+        stored = NetworkConfig.from_dict(json.loads(header["config"]))
+        metadata = json.loads(header["metadata"])
+    except (KeyError, TypeError, json.JSONDecodeError, InputError) as error:
+        raise DataError(f"{path}: its configuration is not of this version of icgnet ({error})") from error
+    if config is not None and config != stored:
+        raise DataError(f"{path}: weights of another configuration: {_difference(config, stored)}")
+    network = IcgNet(stored)
+    _fill(network, tensors, path)
+    return network.eval(), metadata
+
+
+def _fill(network: IcgNet, tensors: dict[str, Tensor], path: Path) -> None:
+    expected = network.state_dict()
+    wrong = sorted(set(tensors) ^ set(expected))
+    wrong += [name for name in set(tensors) & set(expected) if tensors[name].shape != expected[name].shape]
+    if wrong:
+        raise DataError(f"{path}: {len(wrong)} tensors are missing, unknown or of another shape, e.g. {wrong[0]}")
+    network.load_state_dict({name: tensor.to(expected[name].dtype) for name, tensor in tensors.items()})
+
+
+def _digest(tensors: dict[str, Tensor]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        digest.update(name.encode())
+        digest.update(tensors[name].contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _difference(wanted: NetworkConfig, stored: NetworkConfig) -> str:
+    ours, theirs = wanted.to_dict(), stored.to_dict()
+    return ", ".join(f"{key} is {theirs[key]}, wanted {ours[key]}" for key in ours if ours[key] != theirs[key])

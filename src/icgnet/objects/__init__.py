@@ -1,0 +1,1 @@
+"""Object sets: procedural shapes, URDF and mesh importers, classes."""

@@ -1,0 +1,72 @@
+"""One object of a set: what the camera sees, and what the physics touches."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from scipy.spatial import ConvexHull
+
+from icgnet.errors import DataError
+from icgnet.geometry.signed_distance import SignedDistanceGrid, cached_signed_distance_grid
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectModel:
+    """An object at scale 1 in its own frame: z up as it stands, origin at the centre of mass.
+
+    Attributes:
+        name: key within its object set, e.g. "packed/mug_0012".
+        class_name: one of `icgnet.objects.classes.CLASSES`.
+        visual: surface [m] with outward normals, usually one closed component; overlapping closed components
+            (a handle pushed into a cup) are a union.
+        parts: convex pieces [m] that together stand for the object in the physics.
+    """
+
+    name: str
+    class_name: str
+    visual: trimesh.Trimesh
+    parts: tuple[trimesh.Trimesh, ...]
+
+    def signed_distance(self, cache: Path | None = None) -> SignedDistanceGrid:
+        """Returns the signed-distance grid of the visual mesh, read from or written to the folder `cache`."""
+        return cached_signed_distance_grid(self.visual, cache)
+
+
+def clean_surface(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
+    """Returns the mesh with vertices merged by position and the winding of every closed component outward.
+
+    Scans come with split vertices along texture seams and with single components turned inside out; both
+    would break inside/outside tests and surface normals.
+
+    Raises:
+        DataError: nothing but degenerate faces is left.
+    """
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) == 0:
+        raise DataError(f"{source}: the mesh is empty (no face with an area)")
+    trimesh.repair.fix_normals(mesh, multibody=True)
+    return trimesh.Trimesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64), process=False)
+
+
+def convex_hull(points: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:
+    """Returns the convex hull of points as a closed mesh with outward winding.
+
+    Raises:
+        scipy.spatial.QhullError: the points lie in a plane, or are fewer than four.
+    """
+    qhull = ConvexHull(points)
+    triangles = points[qhull.simplices]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inward = np.einsum("ij,ij->i", normals, qhull.equations[:, :3]) < 0.0
+    faces = np.where(inward[:, None], qhull.simplices[:, ::-1], qhull.simplices)
+    index = np.zeros(len(points), np.int64)
+    index[qhull.vertices] = np.arange(len(qhull.vertices))
+    mesh = trimesh.Trimesh(points[qhull.vertices], index[faces], process=False)
+    if not mesh.is_winding_consistent:  # slivers, whose own normals say nothing
+        trimesh.repair.fix_normals(mesh)
+    return mesh

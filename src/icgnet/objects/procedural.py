@@ -1,0 +1,164 @@
+"""The embedded object set: several hundred random shapes of the seven classes, made when they are asked for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from trimesh.transformations import scale_and_translate
+
+from icgnet.objects import containers, sundries
+from icgnet.objects.classes import CLASSES, class_index
+from icgnet.objects.model import ObjectModel
+from icgnet.objects.object_set import KINDS, Kind, ObjectSet, Split, check_kind_and_split, unknown_object
+from icgnet.objects.solids import Solid
+
+SEED = 20_240_511
+"""Changing it (or a family's draws) changes the objects: the set is part of the meaning of every recipe."""
+
+COUNTS = {"mug": 50, "box": 70, "can": 50, "bottle": 70, "cylindric": 70, "ball": 30, "other": 160}
+"""Shapes of each class, in proportions like those of the VGN set with more mugs and balls."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of shape within a class.
+
+    Attributes:
+        make: draws a shape.
+        weight: relative frequency within its class.
+        stands: whether it keeps standing upright and may be stretched to the height that "packed"
+            scenes need.
+    """
+
+    make: Callable[[np.random.Generator], Solid]
+    weight: float = 1.0
+    stands: bool = True
+
+
+FAMILIES: dict[str, tuple[Family, ...]] = {
+    "mug": (Family(containers.mug, 5.0), Family(containers.jug)),
+    "box": (
+        Family(containers.carton, 4.0),
+        Family(containers.rounded_box, 2.0),
+        Family(containers.lidded_box),
+        Family(containers.gable_carton),
+        Family(containers.tapered_box),
+    ),
+    "can": (Family(containers.can),),
+    "bottle": (Family(containers.bottle, 6.0), Family(containers.handled_bottle)),
+    "cylindric": (
+        Family(containers.glass, 3.0),
+        Family(containers.tall_cylinder, 3.0),
+        Family(containers.jar, 2.0),
+        Family(containers.prism, 1.5),
+        Family(containers.roll, 1.5),
+        Family(containers.spool),
+    ),
+    "ball": (
+        Family(containers.ball, 2.0, stands=False),
+        Family(containers.faceted_ball, stands=False),
+        Family(containers.fruit),
+    ),
+    "other": (
+        Family(sundries.bowl, 2.0, stands=False),
+        Family(sundries.pan, stands=False),
+        Family(sundries.block, 3.0),
+        Family(sundries.star),
+        Family(sundries.hammer, 2.0, stands=False),
+        Family(sundries.wrench, stands=False),
+        Family(sundries.screwdriver, stands=False),
+        Family(sundries.flashlight),
+        Family(sundries.banana, 2.0, stands=False),
+        Family(sundries.donut, stands=False),
+        Family(sundries.horseshoe, stands=False),
+        Family(sundries.cone),
+        Family(sundries.egg, 2.0, stands=False),
+        Family(sundries.pear, 2.0),
+        Family(sundries.mushroom),
+        Family(sundries.brick),
+        Family(sundries.camera),
+        Family(sundries.toy_car, stands=False),
+        Family(sundries.shoe),
+        Family(sundries.house),
+        Family(sundries.rock, 2.0, stands=False),
+        Family(sundries.animal, 3.0, stands=False),
+        Family(sundries.lump, 3.0, stands=False),
+        Family(sundries.twisted_column, 2.0),
+        Family(sundries.padlock),
+        Family(sundries.dumbbell),
+        Family(sundries.chair),
+        Family(sundries.spoon, stands=False),
+        Family(sundries.funnel),
+    ),
+}
+
+
+class ProceduralObjectSet(ObjectSet):
+    """Shapes with keys "packed/mug_0007" and "pile/mug_0007": the same shape in the sizes of the two scene kinds.
+
+    A shape depends on its name alone. One tenth of each class is "val", one tenth "test". Shapes that cannot
+    stand are in "pile" only.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("procedural")
+
+    def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
+        check_kind_and_split(kind, split)
+        return tuple(key for key, key_split in _splits().items() if key_split == split and key.startswith(f"{kind}/"))
+
+    def class_name(self, key: str) -> str:
+        if key not in _splits():
+            raise unknown_object(self.name, key, _splits())
+        return key.split("/")[1].split("_")[0]
+
+    def _load(self, key: str) -> ObjectModel:
+        kind, shape = key.split("/")
+        class_name, number = shape.split("_")
+        family, rng = _draw_family(class_name, int(number))
+        solid = fit_to_gripper(family.make(rng), "packed" if kind == "packed" else "pile", rng)
+        return ObjectModel(key, class_name, solid.surface, solid.hulls())
+
+
+def fit_to_gripper(solid: Solid, kind: Kind, rng: np.random.Generator) -> Solid:
+    """Returns the solid scaled so that an 80 mm gripper can hold it, with its centre of mass at the origin.
+
+    "pile": uniformly, until the middle side of the bounding box is 38 to 70 mm and no side is over 210 mm.
+    "packed": until the narrow side of the footprint is 48 to 92 mm, no more than 170 mm wide and 260 mm high, then
+    stretched upwards if it is lower than 85 mm (packed scenes draw a scale of 0.7 to 0.9 on top).
+    """
+    narrow, wide = np.sort(solid.extents[:2])
+    height = solid.extents[2]
+    if kind == "pile":
+        _, middle, longest = np.sort(solid.extents)
+        factor = min(rng.uniform(0.038, 0.070) / middle, 0.21 / longest)
+        scale = np.full(3, factor)
+    else:
+        factor = min(rng.uniform(0.048, 0.092) / narrow, 0.17 / wide, 0.26 / height)
+        stretch = max(1.0, rng.uniform(0.085, 0.12) / (factor * height))
+        scale = factor * np.array([1.0, 1.0, stretch])
+    return solid.transformed(scale_and_translate(scale, -scale * solid.surface.center_mass))
+
+
+def _draw_family(class_name: str, number: int) -> tuple[Family, np.random.Generator]:
+    """Returns the family of a shape, and the generator with which it goes on."""
+    rng = np.random.default_rng([SEED, class_index(class_name), number])
+    families = FAMILIES[class_name]
+    weights = np.array([family.weight for family in families])
+    return families[rng.choice(len(families), p=weights / weights.sum())], rng
+
+
+@cache
+def _splits() -> dict[str, Split]:
+    """Returns the split of every key, keys sorted."""
+    splits: dict[str, Split] = {}
+    for class_name in CLASSES:
+        count = COUNTS[class_name]
+        order = np.random.default_rng([SEED, class_index(class_name)]).permutation(count)
+        for number in range(count):
+            split: Split = "test" if order[number] < count // 10 else "val" if order[number] < count // 5 else "train"
+            for kind in KINDS:
+                if kind == "pile" or _draw_family(class_name, number)[0].stands:
+                    splits[f"{kind}/{class_name}_{number:04d}"] = split
+    return dict(sorted(splits.items()))

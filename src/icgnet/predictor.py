@@ -1,0 +1,250 @@
+"""From a depth image or a cloud of a cluttered table to objects, complete shapes and ranked grasps."""
+
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+
+from icgnet.candidates import GraspSearch, keep_free, score_contacts, seen_contacts, surface_contacts
+from icgnet.capture import check_viewpoint
+from icgnet.errors import DataError, InputError
+from icgnet.geometry.camera import check_intrinsics, unproject
+from icgnet.geometry.clouds import PointCloud, check_points
+from icgnet.geometry.transforms import check_transform
+from icgnet.grasping.grasps import Grasps
+from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.instances import FEWEST_VOXELS, encode_windows, find_instances
+from icgnet.network.icgnet import IcgNet
+from icgnet.network.weights import load_weights
+from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.shapes import Shape
+from icgnet.tabletop import Tabletop, find_tabletop
+from icgnet.windows import cover
+
+DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
+
+
+class Predictor:
+    """Finds objects and grasps in clouds; holds the network and the settings, and nothing of any scene.
+
+    Args:
+        network: the network, in evaluation mode.
+        gripper: the hand that grasps are wanted for.
+        search: how grasps are looked for.
+        seed: of everything that is drawn; the same input then gives the same result.
+    """
+
+    def __init__(
+        self, network: IcgNet, gripper: Gripper, search: GraspSearch = GraspSearch(), seed: int = 0
+    ) -> None:
+        self.network = network.eval()
+        self.gripper = gripper
+        self.search = search
+        self.seed = seed
+
+    @staticmethod
+    def load(
+        weights: str | Path | None = None,
+        threads: int | None = None,
+        gripper: str | Path = "franka",
+        seed: int = 0,
+        search: GraspSearch = GraspSearch(),
+    ) -> "Predictor":
+        """The predictor with the shipped weights or those of a file.
+
+        Args:
+            weights: a safetensors file that training wrote; the shipped one if None.
+            threads: CPU threads of the network, for the whole process; as many as torch takes if None.
+            gripper: name of a gripper that ships with the package, or a gripper file.
+            seed: of everything that is drawn.
+            search: how grasps are looked for.
+
+        Raises:
+            DataError: the weights or the gripper cannot be used.
+            InputError: a number of threads below 1.
+        """
+        if threads is not None:
+            if threads < 1:
+                raise InputError(f"threads must be at least 1, got {threads}")
+            torch.set_num_threads(threads)
+        if weights is None and not DEFAULT_WEIGHTS.is_file():
+            raise DataError(f"this installation has no weights ({DEFAULT_WEIGHTS} is missing): give a weights file")
+        network, _ = load_weights(DEFAULT_WEIGHTS if weights is None else weights)
+        return Predictor(network, load_gripper(gripper), search, seed)
+
+    def predict_cloud(
+        self, points: Any, viewpoint: Any = None, table_height: float | None = None
+    ) -> Prediction:
+        """Objects and grasps in a cloud, in the frame of the cloud.
+
+        Args:
+            points: [n 3] positions [m]; rows with NaN are ignored. With a viewpoint or a table height the frame is a
+                world with z up, without both it is the camera's (x right, y down, z forward).
+            viewpoint: where the camera stood [m]; None when it is not known.
+            table_height: height of the table plane [m]; it is found in the cloud if None.
+
+        Raises:
+            InputError: fewer than 100 finite points, not in metres, a broken viewpoint or table height.
+            TableNotFoundError: no plane that could be the table.
+        """
+        if table_height is not None and not np.isfinite(table_height):
+            raise InputError(f"table_height must be a finite number [m], got {table_height}")
+        array = np.asarray(points)
+        finite = check_points(array)
+        is_camera = viewpoint is None and table_height is None
+        eye = np.zeros(3) if is_camera else None if viewpoint is None else check_viewpoint(viewpoint)
+        rows = np.flatnonzero(np.isfinite(array.astype(np.float64)).all(axis=1))
+        cloud = PointCloud(finite, eye, "camera" if is_camera else "world")
+        return self._predict(cloud, table_height, rows, (len(array),), None)
+
+    def predict_depth(
+        self,
+        depth: Any,
+        intrinsics: Any,
+        camera_pose: Any = None,
+        table_height: float | None = None,
+        mask: Any = None,
+    ) -> Prediction:
+        """Objects and grasps in a depth image: in the world if the camera's pose is given, else in the camera frame.
+
+        Args:
+            depth: [h w] distance along the camera's z axis [m]; 0 or NaN where nothing was measured.
+            intrinsics: [3 3] camera matrix [pixels].
+            camera_pose: T_world_camera, z up in the world; None when it is not known.
+            table_height: height of the table plane in the world [m]; it is found in the image if None.
+            mask: [h w] true where objects may be; everywhere if None.
+
+        Raises:
+            InputError: wrong shapes or unit, singular intrinsics, a pose that is not rigid or left-handed, or a pose
+                that does not make the table level.
+            TableNotFoundError: no plane that could be the table.
+        """
+        if table_height is not None and camera_pose is None:
+            raise InputError("table_height is a height in the world: it needs a camera_pose")
+        image = np.asarray(depth)
+        grid = unproject(image, check_intrinsics(np.asarray(intrinsics)))
+        rows = np.flatnonzero(np.isfinite(grid).all(axis=2))
+        allowed = _check_mask(mask, image.shape)
+        cloud = PointCloud(check_points(grid.reshape(-1, 3)[rows]), np.zeros(3), "camera")
+        if camera_pose is not None:
+            cloud = cloud.transformed(check_transform(_matrix(camera_pose), "camera_pose"), "world")
+        return self._predict(cloud, table_height, rows, image.shape, None if allowed is None else allowed[rows])
+
+    @torch.no_grad()
+    def _predict(
+        self,
+        cloud: PointCloud,
+        table_height: float | None,
+        input_rows: Int[np.ndarray, "n"],
+        input_shape: tuple[int, ...],
+        mask: Bool[np.ndarray, "n"] | None,
+    ) -> Prediction:
+        """Objects and grasps in a checked cloud.
+
+        Paper: inference as in "Method" and "Grasp Selection and Reconstruction".
+        """
+        rng, clock = np.random.default_rng(self.seed), _Clock()
+        tabletop = find_tabletop(cloud, table_height, rng, cloud.frame_id == "world", mask)
+        points = tabletop.cloud.points
+        windows = cover(points[tabletop.standing], fewest=FEWEST_VOXELS)
+        clock.lap("input")
+
+        views = encode_windows(self.network, tabletop, windows)
+        instances = find_instances(views, points)
+        shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
+        clock.lap("encode")
+
+        grasps, rejected = self._search(tabletop, shapes, rng, clock)
+        result = Prediction(
+            objects=tuple(_detected(number, shape, tabletop, cloud) for number, shape in enumerate(shapes)),
+            grasps=grasps.transformed(tabletop.T_frame_table),
+            frame_id=cloud.frame_id,
+            rejected=rejected,
+            timings_ms=clock.laps_ms,
+            cloud=cloud,
+            cloud_instances=_labels(shapes, len(cloud)),
+            T_frame_table=tabletop.T_frame_table,
+            gripper=self.gripper,
+            input_rows=input_rows,
+            input_shape=input_shape,
+        )
+        clock.lap("select")
+        return result
+
+    def _search(
+        self, tabletop: Tabletop, shapes: list[Shape], rng: np.random.Generator, clock: "_Clock"
+    ) -> tuple[Grasps, dict[str, int]]:
+        """Free grasps in the table frame, best first; from the predicted surfaces too when the seen ones give few."""
+        if not shapes:
+            return Grasps.empty(), {}
+        contacts = seen_contacts(tabletop, [shape.instance for shape in shapes], self.search.contacts, rng)
+        rounds, rejected = [], Counter()
+        while True:
+            candidates, dropped = score_contacts(self.network, shapes, contacts, self.gripper, self.search)
+            clock.lap("grasps")
+            free, hit = keep_free(candidates, shapes, tabletop, self.gripper, self.search)
+            clock.lap("collision")
+            rounds.append(free)
+            rejected.update(dropped)
+            rejected.update(hit)
+            enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= self.search.few
+            if enough or not self.search.resample or len(rounds) == 2:
+                return Grasps.concatenate(rounds).sorted(), dict(rejected)
+            contacts = surface_contacts(shapes, self.search.contacts, rng)
+
+    def with_search(self, **changes: Any) -> "Predictor":
+        """The same predictor with other settings of the search, for example `min_score=0.5`."""
+        return Predictor(self.network, self.gripper, replace(self.search, **changes), self.seed)
+
+
+class _Clock:
+    """Adds up how long each stage takes."""
+
+    def __init__(self) -> None:
+        self.laps_ms: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Books the time since the last lap on a stage."""
+        now = time.perf_counter()
+        self.laps_ms[stage] = self.laps_ms.get(stage, 0.0) + 1e3 * (now - self._last)
+        self._last = now
+
+
+def _detected(number: int, shape: Shape, tabletop: Tabletop, cloud: PointCloud) -> DetectedObject:
+    item = shape.instance
+    return DetectedObject(
+        instance_id=number,
+        class_name=item.class_name,
+        class_score=item.class_score,
+        points=cloud.points[item.rows],
+        extract=lambda: shape.mesh.copy().apply_transform(tabletop.T_frame_table),
+    )
+
+
+def _labels(shapes: list[Shape], count: int) -> Int[np.ndarray, "n"]:
+    labels = np.full(count, NO_INSTANCE, dtype=np.int64)
+    for number, shape in enumerate(shapes):
+        labels[shape.instance.rows] = number
+    return labels
+
+
+def _matrix(camera_pose: Any) -> Float[np.ndarray, "4 4"]:
+    pose = np.asarray(camera_pose, dtype=np.float64)
+    if pose.shape != (4, 4):
+        raise InputError(f"camera_pose must be a 4x4 matrix, got shape {pose.shape}")
+    return pose
+
+
+def _check_mask(mask: Any, shape: tuple[int, ...]) -> Bool[np.ndarray, "n"] | None:
+    if mask is None:
+        return None
+    array = np.asarray(mask)
+    if array.shape != shape:
+        raise InputError(f"mask must have the shape of the depth image {shape}, got {array.shape}")
+    return array.astype(bool).ravel()

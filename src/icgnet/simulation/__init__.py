@@ -1,0 +1,1 @@
+"""Physics world, scenes, hand, grasp trials and the depth camera."""

@@ -1,0 +1,138 @@
+"""A depth camera without OpenGL: rays against visual meshes, the table as a plane, and whose surface each pixel shows."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Float, Int
+
+from icgnet.errors import InputError
+from icgnet.geometry.camera import check_intrinsics, pixel_rays
+from icgnet.geometry.transforms import check_transform
+from icgnet.geometry.workspace import TABLE_HEIGHT
+
+NOTHING, TABLE = -1, -2
+FAR = 2.0  # the camera measures nothing beyond this depth [m]
+
+
+@dataclass(frozen=True)
+class DepthImage:
+    """What the camera sees.
+
+    Attributes:
+        depth: [h w] distance along the optical axis [m], 0 where nothing is seen.
+        ids: [h w] index of the object, `TABLE` or `NOTHING`.
+    """
+
+    depth: Float[np.ndarray, "h w"]
+    ids: Int[np.ndarray, "h w"]
+
+
+class SceneRenderer:
+    """Renders one scene from any number of cameras."""
+
+    def __init__(
+        self,
+        triangles: Float[np.ndarray, "t 3 3"],
+        owners: Int[np.ndarray, "t"],
+        table_height: float | None = TABLE_HEIGHT,
+    ) -> None:
+        """Builds the ray-tracing structure.
+
+        Args:
+            triangles: corners in the world frame [m]; see `icgnet.simulation.scene.scene_triangles`.
+            owners: object index of each triangle.
+            table_height: height of the table plane [m], None for no table.
+
+        Raises:
+            InputError: triangles and owners do not belong together.
+        """
+        triangles = np.asarray(triangles, np.float32)
+        if triangles.shape[1:] != (3, 3) or len(triangles) != len(owners):
+            raise InputError(f"triangles must be [t 3 3] with t owners, got {triangles.shape} and {len(owners)}")
+        self._owners = np.asarray(owners, np.int64)
+        self._table_height = table_height
+        self._corners = triangles.reshape(-1, 3).astype(np.float64)
+        self._scene = EmbreeScene()
+        if len(triangles):
+            # The scene does not keep its mesh alive.
+            self._mesh = TriangleMesh(self._scene, triangles)
+
+    def render(
+        self, intrinsics: Float[np.ndarray, "3 3"], shape: tuple[int, int], T_world_camera: Float[np.ndarray, "4 4"]
+    ) -> DepthImage:
+        """Depth and object ids from one camera.
+
+        Args:
+            intrinsics: camera matrix [pixels].
+            shape: height and width of the image [pixels].
+            T_world_camera: camera pose (x right, y down, z forward).
+
+        Raises:
+            InputError: intrinsics or pose are not usable.
+        """
+        pose = check_transform(T_world_camera, "T_world_camera")
+        intrinsics = check_intrinsics(intrinsics)
+        # Rays have z = 1 in the camera frame, so the distance that embree counts in ray lengths is the depth.
+        rays = _camera_rays(intrinsics.tobytes(), shape)
+        depth, ids = self._table_depth(rays @ pose[2, :3].astype(np.float32), float(pose[2, 3]))
+        window = self._window(intrinsics, shape, pose)
+        directions = rays[window] @ pose[:3, :3].T.astype(np.float32)
+        distances, owners = self._hits(pose[:3, 3], directions.reshape(-1, 3))
+        distances, owners = distances.reshape(directions.shape[:2]), owners.reshape(directions.shape[:2])
+        in_front = distances < depth[window]
+        depth[window][in_front], ids[window][in_front] = distances[in_front], owners[in_front]
+        unseen = depth > FAR
+        depth[unseen], ids[unseen] = 0.0, NOTHING
+        return DepthImage(depth, ids)
+
+    def _table_depth(
+        self, slopes: Float[np.ndarray, "h w"], height: float
+    ) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+        """Depth (inf for none) and ids of an empty table, for rays that climb by `slopes` [m] a metre of depth."""
+        if self._table_height is None:
+            return np.full(slopes.shape, np.inf, np.float32), np.full(slopes.shape, NOTHING)
+        with np.errstate(divide="ignore"):
+            depth = np.float32(self._table_height - height) / slopes
+        depth[depth <= 0.0] = np.inf
+        return depth, np.where(np.isfinite(depth), TABLE, NOTHING)
+
+    def _window(
+        self, intrinsics: Float[np.ndarray, "3 3"], shape: tuple[int, int], pose: Float[np.ndarray, "4 4"]
+    ) -> tuple[slice, slice]:
+        """Rows and columns that can show a triangle: most of a picture is table, which needs no rays."""
+        points = (self._corners - pose[:3, 3]) @ pose[:3, :3]
+        if len(points) and points[:, 2].min() <= 1e-3:
+            return slice(0, shape[0]), slice(0, shape[1])
+        pixels = points @ intrinsics.T
+        columns, rows = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
+        return _interval(rows, shape[0]), _interval(columns, shape[1])
+
+    def _hits(
+        self, eye: Float[np.ndarray, "3"], rays: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+        """Depth (inf for none) and owner of the nearest triangle on each ray."""
+        depth, ids = np.full(len(rays), np.inf, np.float32), np.full(len(rays), NOTHING)
+        if len(rays):
+            origins = np.broadcast_to(eye.astype(np.float32), rays.shape)
+            hits = self._scene.run(np.ascontiguousarray(origins), rays, output=True)
+            is_hit = hits["primID"] >= 0
+            depth[is_hit] = hits["tfar"][is_hit]
+            ids[is_hit] = self._owners[hits["primID"][is_hit]]
+        return depth, ids
+
+
+def _interval(values: Float[np.ndarray, "n"], limit: int) -> slice:
+    """The pixels between the smallest and the largest value, within an image of `limit` pixels."""
+    if len(values) == 0:
+        return slice(0, 0)
+    return slice(max(0, int(np.floor(values.min()))), min(limit, int(np.ceil(values.max())) + 1))
+
+
+@lru_cache(maxsize=8)
+def _camera_rays(intrinsics: bytes, shape: tuple[int, int]) -> Float[np.ndarray, "h w 3"]:
+    rays = pixel_rays(np.frombuffer(intrinsics).reshape(3, 3), shape).astype(np.float32)
+    rays.setflags(write=False)
+    return rays

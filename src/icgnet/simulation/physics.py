@@ -1,0 +1,123 @@
+"""Physics settings, and the parts of a MuJoCo model that every world shares: table, drop box, objects."""
+
+from dataclasses import dataclass
+from typing import Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.errors import InputError
+from icgnet.geometry.transforms import matrix_to_quaternion
+from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
+from icgnet.objects.model import ObjectModel
+
+# Contact parameters: a stiff contact (time constant two steps) that sinks in by a fraction of a millimetre.
+CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+# Where two surfaces meet, the one with the higher priority decides on friction: pad, then table, then object.
+TABLE_PRIORITY, PAD_PRIORITY = 1, 2
+# The published drop box: inner edges of its walls, their thickness and height above the table [m].
+BOX_LOWER, BOX_UPPER, BOX_WALL, BOX_HEIGHT = 0.0239, 0.2761, 0.02, 0.13
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Settings of the physics engine and of the materials; the friction pairs are those of the published benchmark.
+
+    Attributes:
+        timestep: [s].
+        impratio: stiffness of friction relative to the normal direction; high values keep held objects from creeping.
+        object_mass: of every object, whatever its size [kg].
+        object_friction: sliding friction of object on object and object on palm.
+        table_friction: sliding friction of anything on the table and on the drop box.
+        pad_friction: sliding friction of the finger pads on objects; None for the gripper's own value.
+        pad_torsion: torsional friction of the finger pads [m].
+    """
+
+    timestep: float = 0.004
+    impratio: float = 10.0
+    object_mass: float = 0.5
+    object_friction: float = 1.0
+    table_friction: float = 0.5
+    pad_friction: float | None = None
+    pad_torsion: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.timestep <= 0.004:
+            raise InputError(f"timestep must be in (0, 0.004] s, got {self.timestep}")
+        if self.object_mass <= 0.0:
+            raise InputError(f"object_mass must be positive, got {self.object_mass} kg")
+
+
+@dataclass(frozen=True)
+class Body:
+    """An object model, scaled and posed in the world [m]."""
+
+    model: ObjectModel
+    scale: float
+    T_world_object: Float[np.ndarray, "4 4"]
+
+
+def new_spec(physics: Physics) -> mujoco.MjSpec:
+    """An empty model with our solver options and the table."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = physics.timestep
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = physics.impratio
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.memory = 64 * 2**20
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[1.0, 1.0, 0.1],
+        pos=[CENTRE[0], CENTRE[1], TABLE_HEIGHT],
+        priority=TABLE_PRIORITY,
+        **contact_settings(physics, physics.table_friction),
+    )
+    return spec
+
+
+def contact_settings(physics: Physics, sliding: float, torsion: float = 0.005) -> dict[str, object]:
+    """Friction and stiffness of a geom, as keyword arguments of `add_geom`."""
+    return {
+        "friction": [sliding, torsion, 0.0001],
+        "condim": 4,
+        "solref": [2.0 * physics.timestep, 1.0],
+        "solimp": list(CONTACT_SOLIMP),
+    }
+
+
+def add_drop_box(spec: mujoco.MjSpec, physics: Physics) -> None:
+    """Adds the four walls of the published drop box, named wall_0 to wall_3."""
+    middle, half, wall = (BOX_LOWER + BOX_UPPER) / 2, (BOX_UPPER - BOX_LOWER) / 2, BOX_WALL / 2
+    for index, (x, y) in enumerate([(1, 0), (-1, 0), (0, 1), (0, -1)]):
+        spec.worldbody.add_geom(
+            name=f"wall_{index}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[middle + x * (half + wall), middle + y * (half + wall), TABLE_HEIGHT + BOX_HEIGHT / 2],
+            size=[half + 2 * wall if y else wall, half + 2 * wall if x else wall, BOX_HEIGHT / 2],
+            priority=TABLE_PRIORITY,
+            **contact_settings(physics, physics.table_friction),
+        )
+
+
+def add_objects(spec: mujoco.MjSpec, bodies: Sequence[Body], physics: Physics, movable: bool) -> None:
+    """Adds every object as a body object_0, object_1, ... made of its convex parts, free to move or fixed."""
+    for index, body in enumerate(bodies):
+        pose = body.T_world_object
+        placed = spec.worldbody.add_body(
+            name=f"object_{index}", pos=pose[:3, 3], quat=matrix_to_quaternion(pose[:3, :3])
+        )
+        if movable:
+            placed.add_freejoint()
+        volume = sum(abs(part.volume) for part in body.model.parts) * body.scale**3
+        for number, part in enumerate(body.model.parts):
+            mesh = spec.add_mesh(name=f"mesh_{index}_{number}")
+            mesh.uservert = (part.vertices * body.scale).ravel()
+            mesh.userface = part.faces.ravel()
+            placed.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=mesh.name,
+                density=physics.object_mass / volume,
+                **contact_settings(physics, physics.object_friction),
+            )

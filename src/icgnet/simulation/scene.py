@@ -1,0 +1,49 @@
+"""What stands on the table: object names, scales and poses. No physics engine needed to read it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from icgnet.geometry.transforms import transform_points
+from icgnet.objects.object_set import Kind, ObjectSet
+
+
+@dataclass(frozen=True)
+class PlacedObject:
+    """An object of an object set, scaled and placed.
+
+    Attributes:
+        name: its key in the object set.
+        scale: factor on the mesh.
+        T_world_object: pose of the scaled mesh [m].
+    """
+
+    name: str
+    scale: float
+    T_world_object: Float[np.ndarray, "4 4"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Objects at rest on the table. `kind` is "packed" (standing side by side) or "pile" (dropped)."""
+
+    kind: Kind
+    objects: tuple[PlacedObject, ...]
+
+
+def scene_triangles(
+    scene: Scene, object_set: ObjectSet
+) -> tuple[Float[np.ndarray, "t 3 3"], Int[np.ndarray, "t"]]:
+    """The triangles [m] of all visual meshes in the world frame, and the object index that owns each."""
+    triangles = [world_mesh(placed, object_set).triangles for placed in scene.objects]
+    owners = [np.full(len(own), index) for index, own in enumerate(triangles)]
+    return np.concatenate([np.zeros((0, 3, 3)), *triangles]), np.concatenate([np.zeros(0, int), *owners])
+
+
+def world_mesh(placed: PlacedObject, object_set: ObjectSet) -> trimesh.Trimesh:
+    """The visual mesh of a placed object in the world frame [m]."""
+    mesh = object_set.model(placed.name).visual
+    vertices = transform_points(placed.T_world_object, mesh.vertices * placed.scale)
+    return trimesh.Trimesh(vertices, mesh.faces, process=False)

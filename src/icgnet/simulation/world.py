@@ -1,0 +1,205 @@
+"""A world of objects on a table with a free-floating hand: one compiled MuJoCo model, exact snapshots."""
+
+from dataclasses import dataclass
+from typing import Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+
+from icgnet.geometry.transforms import make_transform, matrix_to_quaternion
+from icgnet.grasping.gripper import Gripper
+from icgnet.simulation.hand import SIDES, add_hand
+from icgnet.simulation.physics import Body, Physics, add_drop_box, add_objects, new_spec
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The complete state of a world, to go back to with `World.restore`."""
+
+    data: mujoco.MjData
+    present: Bool[np.ndarray, "o"]
+    has_drop_box: bool
+
+
+class World:
+    """Objects, table and hand in one MuJoCo model.
+
+    Objects can be parked: then they neither move nor collide, as if they were not there. A world without gripper
+    serves for settling objects.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        physics: Physics,
+        gripper: Gripper | None = None,
+        drop_box: bool = False,
+        asleep: bool = False,
+    ) -> None:
+        """Compiles the model.
+
+        Args:
+            bodies: the objects with their poses.
+            physics: engine and material settings.
+            gripper: the hand to add, if any; it waits high above the table.
+            drop_box: surround the workspace with the walls of the drop box.
+            asleep: let the objects begin asleep: they stay exactly where they are, at no cost, until touched.
+        """
+        self.physics = physics
+        spec = new_spec(physics)
+        add_objects(spec, bodies, physics, movable=True)
+        if drop_box:
+            add_drop_box(spec, physics)
+        if gripper is not None:
+            add_hand(spec, gripper, physics)
+        if asleep:
+            spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+            for body in spec.worldbody.bodies:
+                if body.name.startswith("object_"):
+                    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.present = np.ones(len(bodies), bool)
+        self._object_bodies = np.array([self.model.body(f"object_{i}").id for i in range(len(bodies))], int)
+        self._qpos = self.model.jnt_qposadr[self.model.body_jntadr[self._object_bodies]]
+        self._dofs = self.model.body_dofadr[self._object_bodies]
+        self._geoms = [np.flatnonzero(self.model.geom_bodyid == body) for body in self._object_bodies]
+        self._object_of_geom = np.full(self.model.ngeom, -1)
+        for index, geoms in enumerate(self._geoms):
+            self._object_of_geom[geoms] = index
+        self._walls = np.array([self.model.geom(f"wall_{i}").id for i in range(4)], int) if drop_box else np.zeros(0, int)
+        self.has_drop_box = drop_box
+        self.hand = HandControl(self.model, gripper) if gripper is not None else None
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, count: int = 1) -> None:
+        """Advances time by `count` steps."""
+        mujoco.mj_step(self.model, self.data, count)
+
+    def snapshot(self) -> Snapshot:
+        """The complete state: positions, velocities, sleep, solver warm start, targets, what is parked."""
+        return Snapshot(_copy(self.model, self.data), self.present.copy(), self.has_drop_box)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Goes back to a snapshot; from there the same commands give the same motion bit for bit."""
+        mujoco.mj_copyData(self.data, self.model, snapshot.data)
+        for index in np.flatnonzero(self.present != snapshot.present):
+            self._set_present(index, bool(snapshot.present[index]))
+        if self.has_drop_box != snapshot.has_drop_box:
+            self._set_drop_box(snapshot.has_drop_box)
+
+    def object_poses(self) -> Float[np.ndarray, "o 4 4"]:
+        """T_world_object of every object, parked ones included [m]."""
+        rotations = self.data.xmat[self._object_bodies].reshape(-1, 3, 3)
+        return make_transform(rotations, self.data.xpos[self._object_bodies])
+
+    def object_quaternions(self) -> Float[np.ndarray, "o 4"]:
+        """Orientation of every object, wxyz."""
+        return self.data.xquat[self._object_bodies].copy()
+
+    def object_positions(self) -> Float[np.ndarray, "o 3"]:
+        """Origin of every object in the world [m]."""
+        return self.data.xpos[self._object_bodies].copy()
+
+    def centres_of_mass(self) -> Float[np.ndarray, "o 3"]:
+        """Centre of mass of every object in the world [m]."""
+        return self.data.xipos[self._object_bodies].copy()
+
+    def speeds(self) -> Float[np.ndarray, "o"]:
+        """Norm of each object's linear [m/s] and angular [rad/s] velocity together, zero for parked ones."""
+        velocity = self.data.qvel[self._dofs[:, None] + np.arange(6)]
+        return np.linalg.norm(velocity, axis=1) * self.present
+
+    def place(self, index: int, T_world_object: Float[np.ndarray, "4 4"]) -> None:
+        """Puts an object at a pose [m], at rest, and makes it present."""
+        address = self._qpos[index]
+        self.data.qpos[address : address + 3] = T_world_object[:3, 3]
+        self.data.qpos[address + 3 : address + 7] = matrix_to_quaternion(T_world_object[:3, :3])
+        self.data.qvel[self._dofs[index] : self._dofs[index] + 6] = 0.0
+        self._set_present(index, True)
+
+    def park(self, index: int) -> None:
+        """Takes an object out of the world."""
+        self.place(index, make_transform(np.eye(3), [0.0, 0.0, 10.0 + index]))
+        self._set_present(index, False)
+
+    def remove_drop_box(self) -> None:
+        """Takes the walls of the drop box away."""
+        self._set_drop_box(False)
+
+    def touches_anything(self, index: int, margin: float) -> bool:
+        """Whether an object is in contact with anything, or nearer to it than `margin` [m]."""
+        geoms, body = self._geoms[index], self._object_bodies[index]
+        self.model.geom_margin[geoms] = self.model.body_margin[body] = margin
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+        self.model.geom_margin[geoms] = self.model.body_margin[body] = 0.0
+        return bool(np.isin(self.data.contact.geom, geoms).any())
+
+    def is_held(self, index: int) -> bool:
+        """Whether both fingers are in contact with an object."""
+        assert self.hand is not None
+        pairs = self.data.contact.geom
+        touching = pairs[(self._object_of_geom[pairs] == index).any(axis=1)]
+        return bool((self.hand.finger_of_geom[touching].max(axis=1, initial=-1)[:, None] == [0, 1]).any(axis=0).all())
+
+    def _set_present(self, index: int, present: bool) -> None:
+        body = self._object_bodies[index]
+        self._set_solid(self._geoms[index], present)
+        self.model.body_contype[body] = self.model.body_conaffinity[body] = int(present)
+        self.model.body_gravcomp[body] = 0.0 if present else 1.0
+        self.present[index] = present
+
+    def _set_drop_box(self, present: bool) -> None:
+        self._set_solid(self._walls, present)
+        self.has_drop_box = present
+
+    def _set_solid(self, geoms: np.ndarray, solid: bool) -> None:
+        self.model.geom_contype[geoms] = self.model.geom_conaffinity[geoms] = int(solid)
+
+
+class HandControl:
+    """Addresses and commands of the hand in a world; see `icgnet.simulation.hand.add_hand`."""
+
+    def __init__(self, model: mujoco.MjModel, gripper: Gripper) -> None:
+        self.gripper = gripper
+        self._model = model
+        hand = model.body("hand").id
+        self._qpos = model.jnt_qposadr[model.body_jntadr[hand]]
+        self._dof = model.body_dofadr[hand]
+        self._slides = np.array([model.joint(f"slide_{side}").qposadr[0] for side, _ in SIDES])
+        self._slide_dofs = np.array([model.joint(f"slide_{side}").dofadr[0] for side, _ in SIDES])
+        self.finger_of_geom = np.full(model.ngeom, -1)
+        for number, (side, _) in enumerate(SIDES):
+            self.finger_of_geom[model.geom_bodyid == model.body(f"finger_{side}").id] = number
+
+    def place(self, data: mujoco.MjData, T_world_grasp: Float[np.ndarray, "4 4"], opening: float) -> None:
+        """Puts the hand at a grasp pose [m] with this opening [m], at rest."""
+        quaternion = matrix_to_quaternion(T_world_grasp[:3, :3])
+        data.qpos[self._qpos : self._qpos + 3] = data.mocap_pos[0] = T_world_grasp[:3, 3]
+        data.qpos[self._qpos + 3 : self._qpos + 7] = data.mocap_quat[0] = quaternion
+        data.qpos[self._slides] = opening / 2
+        data.qvel[self._dof : self._dof + 8] = 0.0
+
+    def squeeze(self, data: mujoco.MjData, force: float) -> None:
+        """Lets each finger push inwards with this force [N]; negative opens."""
+        data.ctrl[:] = -force
+
+    def move_to(self, data: mujoco.MjData, position: Float[np.ndarray, "3"]) -> None:
+        """Moves the hand's target to a position [m], keeping its orientation."""
+        data.mocap_pos[0] = position
+
+    def finger_speed(self, data: mujoco.MjData) -> float:
+        """How fast the faster finger moves [m/s]."""
+        return float(np.abs(data.qvel[self._slide_dofs]).max())
+
+    def opening(self, data: mujoco.MjData) -> float:
+        """The distance between the pads [m]."""
+        return float(data.qpos[self._slides].sum())
+
+
+def _copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    copy = mujoco.MjData(model)
+    mujoco.mj_copyData(copy, model, data)
+    return copy

@@ -1,0 +1,145 @@
+"""The cloud in a frame that stands on the table, and which of its points stand on the table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from icgnet.errors import InputError, TableNotFoundError
+from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.plane import Plane, fit_table_plane, table_frame
+from icgnet.geometry.transforms import invert_transform, make_transform
+from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, above_table
+
+LARGEST_TILT = np.deg2rad(10.0)
+"""A table tilted more than this against a given world [rad] means that the camera's pose is wrong."""
+FIT_POINTS = 50_000
+"""Points at most that the table is fitted to."""
+REACH = 1.0
+"""What is farther than this from the middle of everything on the table [m] is not looked at."""
+CELL = 0.004
+"""Noise is told from things in a grid of this pitch [m], so that the distance of the camera does not matter."""
+FEWEST_NEIGHBOURS = 4
+"""An occupied cell with fewer occupied ones around it is a flying pixel; on a surface there are eight or more."""
+FEWEST_CELLS = 8
+"""Smaller connected things are noise."""
+LOWEST_THING = 0.007
+"""A connected thing that nowhere rises more than this above the table is a wave in the depth of the table [m]."""
+NOISE_RATIO = 4.0
+"""The same in standard deviations of the table's points from the plane; the larger of both counts."""
+DEEPEST_WAVE = 0.015
+"""Points farther below the plane are not the table [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tabletop:
+    """A cloud in the table frame: z up, table plane at z = `TABLE_HEIGHT`.
+
+    Attributes:
+        cloud: all finite points of the input, and the viewpoint.
+        standing: rows of the points that belong to things on the table.
+        T_frame_table: pose of the table frame in the frame of the input.
+    """
+
+    cloud: PointCloud
+    standing: Int[np.ndarray, "m"]
+    T_frame_table: Float[np.ndarray, "4 4"]
+
+
+def find_tabletop(
+    cloud: PointCloud,
+    table_height: float | None,
+    rng: np.random.Generator,
+    level: bool = True,
+    mask: Bool[np.ndarray, "n"] | None = None,
+) -> Tabletop:
+    """The cloud in the table frame.
+
+    Args:
+        cloud: finite points [m], in a frame whose z axis points up if `level`.
+        table_height: height of the table plane in that frame [m]; if None it is found in the cloud.
+        rng: draws the planes that are tried.
+        level: whether the input's z axis points up; then the table frame is only shifted against it.
+        mask: which points may belong to objects; all if None.
+
+    Raises:
+        TableNotFoundError: no plane is supported by enough points.
+        InputError: `level`, but the table is tilted.
+    """
+    if table_height is None:
+        T_frame_table = _fitted_frame(cloud, rng, level)
+    else:
+        T_frame_table = _shifted_up(table_height)
+    in_table = cloud.transformed(invert_transform(T_frame_table), "table")
+    standing = above_table(in_table.points) & (in_table.points[:, 2] < SIZE)
+    if mask is not None:
+        standing &= mask
+    rows = np.flatnonzero(standing)
+    lowest_top = TABLE_HEIGHT + max(LOWEST_THING, NOISE_RATIO * _table_noise(in_table.points[:, 2]))
+    return Tabletop(in_table, rows[_things(in_table.points[rows], lowest_top)], T_frame_table)
+
+
+def _fitted_frame(cloud: PointCloud, rng: np.random.Generator, level: bool) -> Float[np.ndarray, "4 4"]:
+    # Without a viewpoint the frame is the camera's own, unless it is known to be level.
+    viewpoint = np.zeros(3) if cloud.viewpoint is None and not level else cloud.viewpoint
+    sample = cloud.points[:: -(-len(cloud) // FIT_POINTS)]
+    try:
+        plane = fit_table_plane(sample, viewpoint, rng)
+    except TableNotFoundError as error:
+        raise TableNotFoundError(f"{error}; or give the height of the table (--table-height)") from error
+    if not level:
+        return invert_transform(table_frame(plane, sample))
+    tilt = np.arccos(np.clip(plane.normal[2], -1.0, 1.0))
+    if tilt > LARGEST_TILT:
+        raise InputError(
+            f"the table found is tilted by {np.rad2deg(tilt):.0f} degrees against the z axis of the world: "
+            "correct the camera pose, or leave it out"
+        )
+    return _shifted_up(_height_at_middle(plane, sample))
+
+
+def _height_at_middle(plane: Plane, points: Float[np.ndarray, "n 3"]) -> float:
+    x, y = np.median(points[:, :2], axis=0)
+    return float(-(plane.normal[0] * x + plane.normal[1] * y + plane.offset) / plane.normal[2])
+
+
+def _shifted_up(table_height: float) -> Float[np.ndarray, "4 4"]:
+    return make_transform(np.eye(3), np.array([0.0, 0.0, table_height - TABLE_HEIGHT]))
+
+
+def _table_noise(heights: Float[np.ndarray, "n"]) -> float:
+    """Standard deviation of the table's points from its plane [m], told from the side where no object can be."""
+    below = heights[(heights < TABLE_HEIGHT) & (heights > TABLE_HEIGHT - DEEPEST_WAVE)] - TABLE_HEIGHT
+    return float(np.sqrt(np.mean(below**2))) if len(below) else 0.0
+
+
+def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndarray, "n"]:
+    """Which of the points above the table belong to things within reach that rise above `lowest_top`, not to noise."""
+    kept = np.zeros(len(points), dtype=bool)
+    if len(points) == 0:
+        return kept
+    near = np.flatnonzero(np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1) < REACH)
+    cells = np.floor(points[near] / CELL).astype(np.int64)
+    # One empty cell around everything, so that no neighbourhood leaves the grid.
+    cells += 1 - cells.min(axis=0)
+    occupied = np.zeros(cells.max(axis=0) + 2, dtype=bool)
+    occupied[tuple(cells.T)] = True
+    crowded = occupied & (_neighbour_counts(occupied) >= FEWEST_NEIGHBOURS)
+    labels, count = ndimage.label(crowded, structure=np.ones((3, 3, 3)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    thing = labels[tuple(cells.T)]
+    tops = np.zeros(count + 1)
+    np.maximum.at(tops, thing, points[near, 2])
+    is_thing = (sizes >= FEWEST_CELLS) & (tops > lowest_top)
+    is_thing[0] = False
+    kept[near] = is_thing[thing]
+    return kept
+
+
+def _neighbour_counts(occupied: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "x y z"]:
+    """How many of the 26 cells around each are occupied."""
+    counts = occupied.astype(np.int8)
+    for axis in range(3):
+        counts = ndimage.correlate1d(counts, np.ones(3), axis=axis, mode="constant")
+    return counts - occupied

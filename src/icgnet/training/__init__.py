@@ -1,0 +1,1 @@
+"""Configs, data set, sensor noise, matching, losses, loop and checkpoints."""

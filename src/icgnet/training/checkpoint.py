@@ -1,0 +1,98 @@
+"""The moving average of the weights, and checkpoints from which a run goes on as if it had not stopped."""
+
+import copy
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from icgnet.errors import DataError
+
+CHECKPOINT_FILE = "checkpoint.pt"
+FORMAT = 1
+
+
+@dataclass
+class Progress:
+    """Where a run stands.
+
+    Attributes:
+        step: optimiser steps made.
+        visits: scenes seen, over all devices; the next sample is that of this visit.
+        elapsed: training time of all legs [s].
+        best: highest selection score on validation scenes.
+        finished: whether the budget is used up and the final weights are written.
+    """
+
+    step: int = 0
+    visits: int = 0
+    elapsed: float = 0.0
+    best: float = -1.0
+    finished: bool = False
+
+
+class WeightAverage:
+    """Exponential moving average of a network's weights and normalisation statistics."""
+
+    def __init__(self, network: nn.Module, decay: float) -> None:
+        self.network = copy.deepcopy(network).eval().requires_grad_(False)
+        self.decay = decay
+
+    @torch.no_grad()
+    def update(self, network: nn.Module, step: int) -> None:
+        """Moves the average towards the network; faster in the first steps, to forget the initial weights."""
+        decay = min(self.decay, (1 + step) / (10 + step))
+        source = network.state_dict()
+        for name, average in self.network.state_dict().items():
+            if average.is_floating_point():
+                average.lerp_(source[name], 1.0 - decay)
+            else:
+                average.copy_(source[name])
+
+
+def save_checkpoint(
+    path: Path,
+    progress: Progress,
+    network: nn.Module,
+    average: WeightAverage,
+    optimizer: torch.optim.Optimizer,
+) -> None:
+    """Writes everything that the next step depends on; the file appears whole or not at all."""
+    content = {
+        "format": FORMAT,
+        "progress": asdict(progress),
+        "network": network.state_dict(),
+        "average": average.network.state_dict(),
+        "optimizer": optimizer.state_dict(),
+        "random": torch.get_rng_state(),
+    }
+    partial = path.with_name(path.name + ".partial")
+    torch.save(content, partial)
+    os.replace(partial, path)
+
+
+def load_checkpoint(
+    path: Path,
+    network: nn.Module,
+    average: WeightAverage,
+    optimizer: torch.optim.Optimizer,
+) -> Progress:
+    """Puts network, average, optimiser and torch's random numbers back, and returns where the run stood.
+
+    Raises:
+        DataError: the file is damaged or of another version.
+    """
+    try:
+        content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    except (OSError, RuntimeError, EOFError, ValueError) as error:
+        raise DataError(f"{path}: not a readable checkpoint ({error})") from error
+    if content.get("format") != FORMAT:
+        raise DataError(f"{path}: checkpoint of format {content.get('format')}, this version reads {FORMAT}")
+    network.load_state_dict(content["network"])
+    average.network.load_state_dict(content["average"])
+    optimizer.load_state_dict(content["optimizer"])
+    torch.set_rng_state(content["random"])
+    return Progress(**content["progress"])

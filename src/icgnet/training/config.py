@@ -1,0 +1,222 @@
+"""Everything that a training run depends on, and the named presets."""
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from icgnet.errors import DataError, InputError
+from icgnet.network.config import NETWORKS
+from icgnet.training.losses import PUBLISHED, LossWeights
+from icgnet.training.matching import MatchingCosts
+from icgnet.training.noise import NOISES, SensorNoise
+from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a recipe becomes a sample.
+
+    Attributes:
+        views: where cameras may stand.
+        noise: what the sensor does.
+        half_resolution: share of visits with 320 x 240 instead of 640 x 480 pixels.
+        table_jitter: largest error of the height at which the table is cut off [m].
+        turn: whether everything is turned about the vertical through the workspace's centre.
+        translation: largest shift along x and y [m].
+        viewpoint_drop: share of visits without a known viewpoint.
+        fewest_voxels: voxels that an object must show to be an instance.
+        occupancy_points: points per scene where shapes are asked for.
+        near_share: share of them within about 7 mm of a surface.
+        far_share: share of them within about 2 cm of a surface; the rest is uniform.
+        points_near_objects: draw the uniform points in the box around the objects + 2 cm, not in the whole cube.
+        contacts: contacts per scene.
+        balanced_contacts: take half of them from those where any angle succeeded, and prefer the seen.
+        seen_share: share of contacts on seen surfaces, where there are enough.
+        contact_jitter: standard deviation of the contacts' positions [m].
+        normal_jitter_deg: standard deviation of the normals' directions [degrees].
+    """
+
+    views: tuple[ViewRange, ...] = VIEW_RANGES
+    noise: SensorNoise = NOISES["mixed"]
+    half_resolution: float = 0.5
+    table_jitter: float = 0.0015
+    turn: bool = True
+    translation: float = 0.02
+    viewpoint_drop: float = 0.1
+    fewest_voxels: int = 10
+    occupancy_points: int = 1536
+    near_share: float = 0.5
+    far_share: float = 0.2
+    points_near_objects: bool = False
+    contacts: int = 96
+    balanced_contacts: bool = True
+    seen_share: float = 0.75
+    contact_jitter: float = 0.001
+    normal_jitter_deg: float = 4.0
+
+    def __post_init__(self) -> None:
+        if self.near_share + self.far_share > 1:
+            raise InputError(f"near_share {self.near_share} + far_share {self.far_share} must not exceed 1")
+
+    def for_validation(self) -> "Sampling":
+        """The same without augmentation, with the published views and noise, and with all contacts."""
+        return replace(
+            self,
+            views=EVALUATION_VIEWS,
+            noise=NOISES["gaussian"],
+            half_resolution=0.0,
+            table_jitter=0.0,
+            turn=False,
+            translation=0.0,
+            viewpoint_drop=0.0,
+            occupancy_points=4096,
+            near_share=0.0,
+            far_share=0.0,
+            points_near_objects=True,
+            contacts=512,
+            balanced_contacts=False,
+            contact_jitter=0.0,
+            normal_jitter_deg=0.0,
+        )
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """A training run. Give either `steps` or `minutes`; the learning rate is at its floor when they are used up.
+
+    Attributes:
+        network: name of a network preset.
+        sampling: how recipes become samples.
+        loss: factors of the loss terms.
+        matching: costs of the assignment between queries and instances.
+        seed: of the network's initial weights and of all draws.
+        steps: optimiser steps of the run.
+        minutes: training time of the run, summed over its legs [min].
+        batch: scenes per optimiser step and device.
+        learning_rate: after the warm-up.
+        final_learning_rate: at the end of the cosine, as a fraction of `learning_rate`.
+        warmup_steps: steps in which the learning rate rises from 0.
+        weight_decay: of AdamW.
+        gradient_clip: largest norm of the gradient; 0 means no limit.
+        average_decay: of the exponential moving average of the weights, which is validated and shipped.
+        precision: "bf16-mixed" computes the forward pass in bfloat16 where that is safe.
+        threads: of the computation, in each process that trains.
+        workers: processes that prepare samples; 0 prepares them in between the steps.
+        log_seconds: time between two lines about training [s].
+        validation_minutes: time between two validations [min].
+        validation_scenes: held-out scenes that are looked at then.
+        checkpoint_minutes: time between two checkpoints [min].
+    """
+
+    network: str = "default"
+    sampling: Sampling = field(default_factory=Sampling)
+    loss: LossWeights = field(default_factory=LossWeights)
+    matching: MatchingCosts = field(default_factory=MatchingCosts)
+    seed: int = 0
+    steps: int | None = None
+    minutes: float | None = 90.0
+    batch: int = 4
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 0.01
+    warmup_steps: int = 100
+    weight_decay: float = 0.01
+    gradient_clip: float = 1.0
+    average_decay: float = 0.995
+    precision: Literal["32-true", "bf16-mixed"] = "32-true"
+    threads: int = 2
+    workers: int = 1
+    log_seconds: float = 20.0
+    validation_minutes: float = 6.0
+    validation_scenes: int = 48
+    checkpoint_minutes: float = 3.0
+
+    def __post_init__(self) -> None:
+        if self.network not in NETWORKS:
+            raise InputError(f"unknown network {self.network!r}; the presets are {', '.join(NETWORKS)}")
+        if (self.steps is None) == (self.minutes is None):
+            raise InputError(f"give either steps or minutes, got steps={self.steps} and minutes={self.minutes}")
+        if self.batch < 1:
+            raise InputError(f"batch must be at least 1, got {self.batch}")
+
+    def progress(self, step: int, elapsed: float) -> float:
+        """Used share of the budget, 0 to 1, after `step` steps and `elapsed` seconds of training."""
+        used = step / self.steps if self.steps is not None else elapsed / (60.0 * (self.minutes or 1.0))
+        return min(1.0, used)
+
+
+TRAININGS = {
+    "tiny": TrainingConfig(
+        network="tiny",
+        sampling=Sampling(occupancy_points=128, contacts=16, half_resolution=1.0),
+        steps=20,
+        minutes=None,
+        batch=2,
+        warmup_steps=2,
+        average_decay=0.9,
+        threads=1,
+        workers=0,
+        validation_scenes=2,
+    ),
+    "cpu": TrainingConfig(),
+    "paper": TrainingConfig(
+        network="paper",
+        sampling=Sampling(
+            views=(ViewRange(1.0, (0.48, 0.72), (0.0, 45.0), (0.0, 0.0)),),
+            noise=SensorNoise(gaussian=0.002, block_probability=1.0, drop=0.3),
+            half_resolution=0.0,
+            translation=0.0,
+            occupancy_points=32768,
+            near_share=0.3,
+            far_share=0.0,
+            contacts=128,
+        ),
+        loss=PUBLISHED,
+        steps=101250,
+        minutes=None,
+        batch=8,
+        warmup_steps=800,
+        gradient_clip=0.0,
+        average_decay=0.999,
+        workers=4,
+    ),
+}
+"""Presets: `tiny` for tests, `cpu` for two cores and an evening, `paper` as published (60 epochs of 13,500 scenes)."""
+
+CONFIG_FILE = "config.json"
+INDIFFERENT = ("training.threads", "training.workers", "training.log_seconds", "training.checkpoint_minutes")
+"""Settings that a resumed run may change: they change how fast it trains, not what it learns."""
+
+
+def write_or_compare(out: Path, content: dict[str, Any]) -> None:
+    """Writes the configuration of a new run, or makes sure that an existing one is the same.
+
+    Raises:
+        DataError: the folder holds a run with other settings; the message names them.
+    """
+    path = out / CONFIG_FILE
+    text = json.dumps(content, indent=1)
+    if not path.is_file():
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+        return
+    before, now = _flatten(json.loads(path.read_text())), _flatten(json.loads(text))
+    keys = sorted(key for key in before.keys() | now.keys() if key not in INDIFFERENT)
+    differences = [f"{key}: {before.get(key)} there, {now.get(key)} now" for key in keys if before.get(key) != now.get(key)]
+    if differences:
+        raise DataError(f"{out} holds a run with other settings; {'; '.join(differences)}")
+
+
+def training_record(config: TrainingConfig, data: dict[str, Any]) -> dict[str, Any]:
+    """The configuration and its data as plain values, for `config.json`."""
+    return {"training": asdict(config), "network": NETWORKS[config.network].to_dict(), "data": data}
+
+
+def _flatten(content: Any, prefix: str = "") -> dict[str, Any]:
+    if not isinstance(content, dict):
+        return {prefix: content}
+    return {key: value for name, inner in content.items() for key, value in _flatten(inner, _join(prefix, name)).items()}
+
+
+def _join(prefix: str, name: str) -> str:
+    return f"{prefix}.{name}" if prefix else name

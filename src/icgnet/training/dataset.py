@@ -1,0 +1,338 @@
+"""Training samples from recipes: every visit sees a scene through a new camera and another sensor.
+
+Sample k of a run is a function of the run's seed and of k only, so any number of workers and any number of
+interruptions give the same training.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+from torch.utils.data import Dataset, Sampler
+
+from icgnet.datagen.recipe import Recipe
+from icgnet.errors import DataError
+from icgnet.geometry.camera import unproject
+from icgnet.geometry.signed_distance import SignedDistanceGrid
+from icgnet.geometry.transforms import transform_points, transform_vectors, yaw_about
+from icgnet.geometry.visibility import visibility_grid
+from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT, above_table, contains
+from icgnet.network.config import NetworkConfig
+from icgnet.network.inputs import make_scene_input
+from icgnet.objects.classes import class_index
+from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.camera import SceneRenderer
+from icgnet.training.config import Sampling
+from icgnet.training.noise import corrupt_depth, corrupt_points
+from icgnet.training.sample import NOTHING, Sample, choose_contacts, majority, renumber
+from icgnet.training.views import crop_view, draw_view
+
+FEWEST_POINTS = 50
+"""A view with fewer points on the objects is drawn again."""
+SURFACE_SAMPLES = 4096
+SEEN_DISTANCE = 0.004
+NEAR_SIGMA = 0.007
+FAR_SIGMA = 0.020
+ROOM = 0.02
+"""How far beyond the objects the box around them reaches [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectAssets:
+    """What a sample needs of an object, at scale 1 in the object's frame [m]."""
+
+    triangles: Float[np.ndarray, "t 3 3"]
+    surface: Float[np.ndarray, "s 3"]
+    distance: SignedDistanceGrid
+    class_index: int
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An object of a scene and the map from its own frame at scale 1 to the world."""
+
+    assets: ObjectAssets
+    scale: float
+    T_world_object: Float[np.ndarray, "4 4"]
+
+    def to_world(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Points of the object at scale 1 in the world [m]."""
+        return transform_points(self.T_world_object, points * self.scale)
+
+    def contains(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Which points [m, world frame] lie inside the object."""
+        local = (points - self.T_world_object[:3, 3]) @ self.T_world_object[:3, :3]
+        return self.assets.distance.distance(local / self.scale) < 0
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the camera saw of a scene above the table, world frame [m]."""
+
+    points: Float[np.ndarray, "n 3"]
+    owners: Int[np.ndarray, "n"]
+    viewpoint: Float[np.ndarray, "3"]
+
+
+class RecipeDataset(Dataset):
+    """Samples by number of the visit; in each epoch every recipe comes once, in another order."""
+
+    def __init__(
+        self,
+        recipes: Sequence[Recipe],
+        object_sets: dict[str, ObjectSet],
+        sampling: Sampling,
+        network: NetworkConfig,
+        seed: int,
+    ) -> None:
+        """Loads all objects that the recipes name.
+
+        Raises:
+            DataError: a recipe names an object set that is not given, or an object that is not in it.
+        """
+        if not recipes:
+            raise DataError("no recipes to train on")
+        self.recipes, self.sampling, self.network, self.seed = list(recipes), sampling, network, seed
+        self.assets = load_assets(recipes, object_sets)
+
+    def __len__(self) -> int:
+        return len(self.recipes)
+
+    def __getitem__(self, visit: int) -> Sample:
+        """The sample of a visit, 0 or any larger number."""
+        attempt = 0
+        while True:
+            rng = np.random.default_rng([self.seed, visit, attempt])
+            # A scene without anything to see (all objects gone) gives way to the one that comes next.
+            sample = self._sample(self.recipes[self.scene_of(visit + attempt // 4)], rng)
+            if sample is not None:
+                return sample
+            attempt += 1
+
+    def scene_of(self, visit: int) -> int:
+        """Index of the recipe that a visit looks at."""
+        epoch, position = divmod(visit, len(self.recipes))
+        return int(_epoch_order(self.seed, epoch, len(self.recipes))[position])
+
+    def _sample(self, recipe: Recipe, rng: np.random.Generator) -> Sample | None:
+        """One view of a scene with its answers, or None when too little of it is seen."""
+        placements = self._placements(recipe)
+        if not placements:
+            return None
+        seen = observe(placements, self.sampling, rng)
+        T_work_world = self._augmentation(rng)
+        points = transform_points(T_work_world, seen.points)
+        inside = contains(points)
+        if inside.sum() < FEWEST_POINTS:
+            return None
+        points, owners = points[inside], seen.owners[inside]
+        viewpoint = transform_points(T_work_world, seen.viewpoint)
+        known = rng.random() >= self.sampling.viewpoint_drop
+        visibility = visibility_grid(points, viewpoint) if known and self.network.visibility else None
+        scene_input, point_to_voxel = make_scene_input(points, self.network, visibility)
+        voxel_owners = majority(owners, point_to_voxel, len(scene_input.voxels), len(placements))
+        voxel_instances, instance_of_object = renumber(
+            voxel_owners, len(placements), self.sampling.fewest_voxels, self.network.queries
+        )
+        instances = [each for each, number in zip(placements, instance_of_object, strict=True) if number >= 0]
+        if not instances:
+            return None
+        world_points = occupancy_points(placements, self.sampling, T_work_world, rng)
+        work_points = transform_points(T_work_world, world_points)
+        contacts = _draw_contacts(recipe, instance_of_object, T_work_world, points, viewpoint, self.sampling, rng)
+        return Sample(
+            input=scene_input,
+            voxel_instances=torch.from_numpy(voxel_instances),
+            classes=torch.tensor([each.assets.class_index for each in instances]),
+            occupancy_points=_tensor(work_points),
+            occupancy=torch.from_numpy(np.stack([each.contains(world_points) for each in instances])),
+            contacts=_tensor(contacts.positions),
+            normals=_tensor(contacts.normals),
+            contact_instances=torch.from_numpy(contacts.instances),
+            contact_seen=torch.from_numpy(contacts.seen),
+            labels=_tensor(contacts.labels),
+            widths=_tensor(contacts.widths),
+        )
+
+    def _placements(self, recipe: Recipe) -> list[Placement]:
+        return [
+            Placement(self.assets[recipe.object_set, each.name], each.scale, each.T_world_object)
+            for each in recipe.scene().objects
+        ]
+
+    def _augmentation(self, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+        """A turn about the vertical through the workspace's centre and a small shift, as T_work_world."""
+        transform = yaw_about(CENTRE, rng.uniform(0, 2 * np.pi) if self.sampling.turn else 0.0)
+        transform[:2, 3] += rng.uniform(-1, 1, 2) * self.sampling.translation
+        return transform
+
+
+class VisitBatches(Sampler[list[int]]):
+    """Numbers of the visits of one device, batch by batch, from `start` on and without end."""
+
+    def __init__(self, start: int, batch: int, rank: int = 0, devices: int = 1) -> None:
+        self.start, self.batch, self.rank, self.devices = start, batch, rank, devices
+
+    def __iter__(self) -> Iterator[list[int]]:
+        """Batches; all devices together see each visit once."""
+        first = self.start + self.rank * self.batch
+        while True:
+            yield list(range(first, first + self.batch))
+            first += self.batch * self.devices
+
+
+def load_assets(recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]) -> dict[tuple[str, str], ObjectAssets]:
+    """Assets of every object in the recipes, by object set and name.
+
+    Raises:
+        DataError: an object set is missing.
+    """
+    keys = sorted({(recipe.object_set, each.name) for recipe in recipes for each in recipe.scene().objects})
+    missing = sorted({name for name, _ in keys} - object_sets.keys())
+    if missing:
+        raise DataError(f"the recipes need the object sets {', '.join(missing)}; given: {', '.join(object_sets) or 'none'}")
+    return {(set_name, key): _load_object(object_sets[set_name], key) for set_name, key in keys}
+
+
+def _load_object(object_set: ObjectSet, key: str) -> ObjectAssets:
+    mesh = object_set.model(key).visual
+    # The samples serve as starting points of noisy ones: the same few thousand for everybody are enough.
+    rng = np.random.default_rng(0)
+    face = rng.choice(len(mesh.faces), SURFACE_SAMPLES, p=mesh.area_faces / mesh.area_faces.sum())
+    weights = rng.dirichlet((1.0, 1.0, 1.0), SURFACE_SAMPLES)
+    surface = np.einsum("sc,scd->sd", weights, mesh.triangles[face])
+    return ObjectAssets(
+        np.asarray(mesh.triangles, np.float32),
+        surface.astype(np.float32),
+        object_set.signed_distance(key),
+        class_index(object_set.class_name(key)),
+    )
+
+
+def observe(placements: list[Placement], sampling: Sampling, rng: np.random.Generator) -> Observation:
+    """The cloud that a new camera with a noisy sensor sees, without the table."""
+    triangles = [each.to_world(each.assets.triangles) for each in placements]
+    lower = np.min([part.min(axis=(0, 1)) for part in triangles], axis=0)
+    upper = np.max([part.max(axis=(0, 1)) for part in triangles], axis=0)
+    # Table beyond this margin would be removed anyway, but some of it must be seen, since some of it stays.
+    margin = np.array([1.0, 1.0, 0.0]) * rng.uniform(0.01, 0.05)
+    resolution = 0.5 if rng.random() < sampling.half_resolution else 1.0
+    view = crop_view(draw_view(sampling.views, resolution, rng), lower - margin, upper + margin)
+    owners = np.repeat(np.arange(len(triangles)), [len(part) for part in triangles])
+    image = SceneRenderer(np.concatenate(triangles), owners).render(view.intrinsics, view.shape, view.T_world_camera)
+    depth, flying = corrupt_depth(np.asarray(image.depth, np.float64), view.intrinsics[0, 0], sampling.noise, rng)
+    points, pixel_owners = _to_world(depth, np.where(flying, NOTHING, image.ids), view.intrinsics, view.T_world_camera)
+    standing = above_table(points, TABLE_HEIGHT + rng.uniform(-1, 1) * sampling.table_jitter)
+    points, index = corrupt_points(points[standing], sampling.noise, rng)
+    return Observation(points, pixel_owners[standing][index], view.T_world_camera[:3, 3])
+
+
+def _to_world(
+    depth: Float[np.ndarray, "h w"],
+    ids: Int[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    T_world_camera: Float[np.ndarray, "4 4"],
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+    """Points of the measured pixels in the world [m], and the object of each."""
+    measured = depth > 0
+    if not measured.any():
+        return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    points = unproject(depth, intrinsics)[measured]
+    return transform_points(T_world_camera, points), np.asarray(ids, np.int64)[measured]
+
+
+def occupancy_points(
+    placements: list[Placement], sampling: Sampling, T_work_world: Float[np.ndarray, "4 4"], rng: np.random.Generator
+) -> Float[np.ndarray, "n 3"]:
+    """Points [m, world frame] where the shapes are asked for: near and around surfaces, and uniform."""
+    count = sampling.occupancy_points
+    near, far = round(sampling.near_share * count), round(sampling.far_share * count)
+    chosen = rng.integers(len(placements), size=near + far)
+    index = rng.integers(SURFACE_SAMPLES, size=near + far)
+    surface = np.zeros((near + far, 3))
+    for number, placement in enumerate(placements):
+        mine = chosen == number
+        surface[mine] = placement.to_world(placement.assets.surface[index[mine]].astype(np.float64))
+    sigma = np.where(np.arange(near + far) < near, NEAR_SIGMA, FAR_SIGMA)[:, None]
+    surface += sigma * rng.standard_normal(surface.shape)
+    lower, upper = np.zeros(3), np.full(3, SIZE)
+    if sampling.points_near_objects:
+        corners = [placement.to_world(placement.assets.surface.astype(np.float64)) for placement in placements]
+        lower = np.min([part.min(axis=0) for part in corners], axis=0) - ROOM
+        upper = np.max([part.max(axis=0) for part in corners], axis=0) + ROOM
+        return np.concatenate([surface, rng.uniform(lower, upper, (count - near - far, 3))])
+    uniform = rng.uniform(lower, upper, (count - near - far, 3))
+    # The cube is that of the workspace, so its points come back through the turn and the shift.
+    return np.concatenate([surface, (uniform - T_work_world[:3, 3]) @ T_work_world[:3, :3]])
+
+
+@dataclass(frozen=True)
+class DrawnContacts:
+    """Contacts of one visit in the workspace frame [m]."""
+
+    positions: Float[np.ndarray, "g 3"]
+    normals: Float[np.ndarray, "g 3"]
+    instances: Int[np.ndarray, "g"]
+    seen: Bool[np.ndarray, "g"]
+    labels: Int[np.ndarray, "g a"]
+    widths: Float[np.ndarray, "g"]
+
+
+def _draw_contacts(
+    recipe: Recipe,
+    instance_of_object: Int[np.ndarray, "o"],
+    T_work_world: Float[np.ndarray, "4 4"],
+    cloud: Float[np.ndarray, "n 3"],
+    viewpoint: Float[np.ndarray, "3"],
+    sampling: Sampling,
+    rng: np.random.Generator,
+) -> DrawnContacts:
+    """A balanced choice of the recipe's contacts on instances, slightly off, as perception will be."""
+    positions = transform_points(T_work_world, recipe.contacts.positions.astype(np.float64))
+    normals = transform_vectors(T_work_world, recipe.contacts.normals.astype(np.float64))
+    labels = recipe.labels()
+    instances = instance_of_object[recipe.contacts.objects]
+    usable = np.flatnonzero((instances >= 0) & contains(positions))
+    seen = is_seen(positions[usable], normals[usable], cloud, viewpoint)
+    if sampling.balanced_contacts:
+        chosen = choose_contacts(labels[usable].any(axis=1), seen, sampling.contacts, sampling.seen_share, rng)
+    else:
+        chosen = rng.permutation(len(usable))[: sampling.contacts]
+    index, seen = usable[chosen], seen[chosen]
+    tilt = np.deg2rad(sampling.normal_jitter_deg) * rng.standard_normal((len(index), 3)) / np.sqrt(2)
+    normals = normals[index] + np.cross(tilt, normals[index])
+    return DrawnContacts(
+        positions[index] + sampling.contact_jitter * rng.standard_normal((len(index), 3)),
+        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        instances[index],
+        seen,
+        labels[index],
+        recipe.contacts.widths[index],
+    )
+
+
+def is_seen(
+    contacts: Float[np.ndarray, "g 3"],
+    normals: Float[np.ndarray, "g 3"],
+    cloud: Float[np.ndarray, "n 3"],
+    viewpoint: Float[np.ndarray, "3"],
+) -> Bool[np.ndarray, "g"]:
+    """Which contacts face the camera and have a point of the cloud within 4 mm."""
+    distance, _ = KDTree(cloud, balanced_tree=False, compact_nodes=False).query(
+        contacts, distance_upper_bound=SEEN_DISTANCE
+    )
+    facing = np.einsum("gd,gd->g", normals, viewpoint - contacts) > 0
+    return np.isfinite(distance) & facing
+
+
+@lru_cache(maxsize=4)
+def _epoch_order(seed: int, epoch: int, count: int) -> Int[np.ndarray, "count"]:
+    return np.random.default_rng([seed, epoch, 1_000_003]).permutation(count)
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

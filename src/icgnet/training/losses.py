@@ -1,0 +1,226 @@
+"""What the network is punished for: segmentation, shape and grasps, per scene.
+
+Paper: "Loss Formulation". Differs in preset `default`: a contact's grasps are decoded with the query of its own
+instance only, each term is a mean, and the weights balance the gradients for short training (docs/guides/training.md);
+`PUBLISHED` has the released weights and the scene-level terms.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+from torch.nn import functional
+
+from icgnet.network.decoders import Affordance
+from icgnet.network.embedding import SceneEmbedding
+from icgnet.network.icgnet import IcgNet
+from icgnet.training.matching import MatchingCosts, match_queries
+from icgnet.training.sample import Sample
+
+WIDTH_SCALE = 40.0
+"""Widths are compared in units of 25 mm, so that their squares are comparable with the other terms."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Factors of the terms of the loss; a scene-level term with factor 0 is not computed.
+
+    Attributes:
+        class_: cross-entropy of the queries' classes.
+        mask: binary cross-entropy of matched masks.
+        dice: dice loss of matched masks.
+        occupancy: binary cross-entropy of each instance's occupancy.
+        grasp: binary cross-entropy of the twelve angles.
+        contact: binary cross-entropy of the contact's own score, whether any angle succeeds.
+        width: squared error of the width.
+        scene_occupancy: as `occupancy`, for the maximum over instances against the union.
+        scene_grasp: as `grasp`, for the maximum over instances.
+        no_object: weight of unmatched queries in the class term.
+        every_instance: decode each contact with every instance (published) instead of its own only.
+        divide_by_terms: divide the sum by the number of terms (published), instead of averaging over stages.
+    """
+
+    class_: float = 2.0
+    mask: float = 2.0
+    dice: float = 1.0
+    occupancy: float = 2.0
+    grasp: float = 5.0
+    contact: float = 1.0
+    width: float = 0.5
+    scene_occupancy: float = 0.0
+    scene_grasp: float = 0.0
+    no_object: float = 0.1
+    every_instance: bool = False
+    divide_by_terms: bool = False
+
+
+PUBLISHED = LossWeights(
+    class_=10.0,
+    mask=5.0,
+    dice=2.0,
+    occupancy=5.0,
+    grasp=5.0,
+    contact=0.0,
+    width=1.0,
+    scene_occupancy=2.0,
+    scene_grasp=10.0,
+    every_instance=True,
+    divide_by_terms=True,
+)
+
+
+class TrainingLoss(nn.Module):
+    """The network together with its loss, so that one forward call serves any number of devices."""
+
+    def __init__(self, network: IcgNet, weights: LossWeights, costs: MatchingCosts) -> None:
+        super().__init__()
+        self.network, self.weights, self.costs = network, weights, costs
+
+    def forward(self, samples: list[Sample]) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss to minimise and the mean of every unweighted term over the scenes."""
+        embeddings = self.network.encode([sample.input for sample in samples])
+        scenes = [self._scene_terms(embedding, sample) for embedding, sample in zip(embeddings, samples, strict=True)]
+        total = torch.stack([weighted_sum(terms, self.weights) for terms in scenes]).mean()
+        names = sorted({name for terms in scenes for name in terms})
+        means = {name: _mean([terms[name] for terms in scenes if name in terms]).detach() for name in names}
+        return total, means
+
+    def _scene_terms(self, embedding: SceneEmbedding, sample: Sample) -> dict[str, Tensor]:
+        """Every term of one scene, averaged over the stages that have it."""
+        final, masks = embedding.stages[-1], sample.masks
+        queries = match_queries(final.mask_logits, final.class_logits, masks, sample.classes, self.costs)
+        stages = [
+            segmentation_terms(stage.mask_logits, stage.class_logits, queries, masks, sample.classes, self.weights)
+            for stage in embedding.stages
+        ]
+        for stage in self.network.config.decoded_stages:
+            stages.append(self._occupancy_terms(embedding, sample, queries, stage))
+            stages.append(self._grasp_terms(embedding, sample, queries, stage))
+        names = {name for terms in stages for name in terms}
+        return {name: _mean([terms[name] for terms in stages if name in terms]) for name in sorted(names)}
+
+    def _occupancy_terms(
+        self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
+    ) -> dict[str, Tensor]:
+        if len(queries) == 0 or len(sample.occupancy_points) == 0:
+            return {}
+        logits = self.network.decode_occupancy(embedding, queries, sample.occupancy_points, stage)
+        terms = {"occupancy": bce(logits, sample.occupancy)}
+        if self.weights.divide_by_terms:
+            # The published term is a sum over the instances.
+            terms["occupancy"] = terms["occupancy"] * len(queries)
+        if self.weights.scene_occupancy:
+            terms["scene_occupancy"] = bce(logits.amax(0), sample.occupancy.any(0))
+        return terms
+
+    def _grasp_terms(
+        self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
+    ) -> dict[str, Tensor]:
+        if len(queries) == 0 or len(sample.contacts) == 0:
+            return {}
+        if self.weights.every_instance:
+            return self._every_instance_terms(embedding, sample, queries, stage)
+        own = queries[sample.contact_instances]
+        answer = self.network.decode_affordance(embedding, own, sample.contacts, sample.normals, stage)
+        graspable = sample.labels.any(-1)
+        return {
+            "grasp": bce(answer.logits, sample.labels),
+            "contact": bce(answer.contact_logits, graspable),
+            **width_term(answer.widths, sample.widths, graspable),
+        }
+
+    def _every_instance_terms(
+        self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
+    ) -> dict[str, Tensor]:
+        """Grasps of every instance at every contact; a contact of another instance is a failure there."""
+        answer = self._decode_pairs(embedding, sample, queries, stage)
+        own = sample.contact_instances[None] == torch.arange(len(queries), device=queries.device)[:, None]
+        labels = sample.labels[None] * own[..., None]
+        graspable = labels.flatten(1).any(1)
+        best = answer.logits.amax(0)
+        terms = {"scene_grasp": bce(best, sample.labels)}
+        if graspable.any():
+            terms["grasp"] = bce(answer.logits[graspable], labels[graspable])
+            widths = sample.widths.expand_as(answer.widths)
+            terms |= width_term(answer.widths, widths, labels.any(-1))
+        return terms
+
+    def _decode_pairs(
+        self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
+    ) -> Affordance:
+        """Affordance with logits [i g 12] and widths [i g]."""
+        count = len(sample.contacts)
+        answer = self.network.decode_affordance(
+            embedding,
+            queries.repeat_interleave(count),
+            sample.contacts.repeat(len(queries), 1),
+            sample.normals.repeat(len(queries), 1),
+            stage,
+        )
+        pairs = (len(queries), count)
+        values = (answer.logits, answer.widths, answer.contact_logits)
+        return Affordance(*(value.unflatten(0, pairs) for value in values))
+
+
+def segmentation_terms(
+    mask_logits: Float[Tensor, "v q"],
+    class_logits: Float[Tensor, "q k"],
+    queries: Int[Tensor, "i"],
+    masks: Bool[Tensor, "i v"],
+    classes: Int[Tensor, "i"],
+    weights: LossWeights,
+) -> dict[str, Tensor]:
+    """Class, mask and dice terms of one stage; unmatched queries shall say "no object".
+
+    Args:
+        mask_logits: per voxel and query.
+        class_logits: per query, no-object last.
+        queries: the query of every instance.
+        masks: which voxels belong to which instance.
+        classes: class of every instance.
+        weights: for the weight of unmatched queries.
+    """
+    none = class_logits.shape[1] - 1
+    target = torch.full((len(class_logits),), none, device=class_logits.device)
+    target[queries] = classes
+    balance = torch.ones(none + 1, device=class_logits.device)
+    balance[none] = weights.no_object
+    terms = {"class_": functional.cross_entropy(class_logits.float(), target, balance)}
+    if len(queries):
+        logits, wanted = mask_logits[:, queries].T.float(), masks.float()
+        terms["mask"] = bce(logits, wanted)
+        terms["dice"] = dice_loss(logits, wanted)
+    return terms
+
+
+def bce(logits: Float[Tensor, "*n"], target: Tensor) -> Float[Tensor, ""]:
+    """Mean binary cross-entropy."""
+    return functional.binary_cross_entropy_with_logits(logits.float(), target.float())
+
+
+def dice_loss(logits: Float[Tensor, "i v"], target: Float[Tensor, "i v"]) -> Float[Tensor, ""]:
+    """1 - dice of the masks, smoothed by 1, mean over instances."""
+    probability = logits.sigmoid()
+    overlap = 2.0 * (probability * target).sum(-1) + 1.0
+    return (1.0 - overlap / (probability.sum(-1) + target.sum(-1) + 1.0)).mean()
+
+
+def width_term(
+    predicted: Float[Tensor, "*g"], wanted: Float[Tensor, "*g"], graspable: Bool[Tensor, "*g"]
+) -> dict[str, Tensor]:
+    """Squared error of the widths [m] over the contacts where any angle succeeded; no term without such contacts."""
+    if not graspable.any():
+        return {}
+    error = WIDTH_SCALE * (predicted.float() - wanted)[graspable]
+    return {"width": error.square().mean()}
+
+
+def weighted_sum(terms: dict[str, Tensor], weights: LossWeights) -> Float[Tensor, ""]:
+    """The terms times their factors; divided by their number where the weights say so."""
+    total = torch.stack([getattr(weights, name) * value for name, value in terms.items()]).sum()
+    return total / len(terms) if weights.divide_by_terms else total
+
+
+def _mean(values: list[Tensor]) -> Tensor:
+    return torch.stack(values).mean()

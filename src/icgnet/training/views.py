@@ -1,0 +1,94 @@
+"""Where the camera stands at a training visit, and the part of its image that is worth rendering."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
+from icgnet.geometry.transforms import invert_transform, transform_points
+from icgnet.geometry.workspace import CENTRE
+
+
+@dataclass(frozen=True)
+class ViewRange:
+    """Cameras on a part of a sphere around a point above the workspace's centre.
+
+    Attributes:
+        share: how often this range is drawn, relative to the other ranges.
+        radius: least and largest distance of the camera [m].
+        polar_deg: least and largest angle from the vertical [degrees].
+        target: least and largest height that the camera looks at [m].
+    """
+
+    share: float
+    radius: tuple[float, float]
+    polar_deg: tuple[float, float]
+    target: tuple[float, float]
+
+
+VIEW_RANGES = (
+    ViewRange(0.40, (0.45, 0.75), (0.0, 45.0), (0.0, 0.25)),
+    ViewRange(0.40, (0.55, 0.75), (40.0, 62.0), (0.15, 0.25)),
+    ViewRange(0.10, (0.45, 0.75), (0.0, 4.0), (0.0, 0.25)),
+    ViewRange(0.10, (0.45, 0.75), (60.0, 75.0), (0.05, 0.25)),
+)
+"""Seen from above to obliquely, as published for training; the benchmark's view; straight down; and nearly level.
+
+Paper: "Observations" (polar 0 to 45 degrees). Differs: the benchmark looks from 45 to 60 degrees, so these are in.
+"""
+
+EVALUATION_VIEWS = (
+    ViewRange(0.5, (0.48, 0.72), (0.0, 45.0), (0.0, 0.0)),
+    ViewRange(0.5, (0.60, 0.75), (45.0, 60.0), (0.25, 0.25)),
+)
+"""The published views of training and of the benchmark, for validation."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera in the world with the size of its image."""
+
+    T_world_camera: Float[np.ndarray, "4 4"]
+    intrinsics: Float[np.ndarray, "3 3"]
+    shape: tuple[int, int]
+
+
+def draw_view(ranges: tuple[ViewRange, ...], resolution: float, rng: np.random.Generator) -> View:
+    """A camera drawn from one of the ranges.
+
+    Args:
+        ranges: where cameras may stand.
+        resolution: factor on the default 640 x 480 pixels.
+        rng: source of the draws.
+    """
+    shares = np.array([each.share for each in ranges])
+    chosen = ranges[rng.choice(len(ranges), p=shares / shares.sum())]
+    target = np.array([CENTRE[0], CENTRE[1], rng.uniform(*chosen.target)])
+    polar = np.deg2rad(rng.uniform(*chosen.polar_deg))
+    pose = sphere_pose(target, rng.uniform(*chosen.radius), polar, rng.uniform(0, 2 * np.pi))
+    intrinsics = DEFAULT_INTRINSICS.copy()
+    intrinsics[:2] *= resolution
+    height, width = DEFAULT_SHAPE
+    return View(pose, intrinsics, (round(height * resolution), round(width * resolution)))
+
+
+def crop_view(view: View, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> View:
+    """The same camera with only the pixels that can see into a box; the whole image if it stands in or beside it.
+
+    Args:
+        view: the camera.
+        lower: least corner of the box, world frame [m].
+        upper: largest corner of the box, world frame [m].
+    """
+    corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, 8).T
+    in_camera = transform_points(invert_transform(view.T_world_camera), corners)
+    if in_camera[:, 2].min() < 0.05:
+        return view
+    pixels = (in_camera @ view.intrinsics.T)[:, :2] / in_camera[:, 2:]
+    limit = np.array([view.shape[1], view.shape[0]])
+    first = np.clip(np.floor(pixels.min(axis=0)), 0, limit - 1).astype(int)
+    last = np.clip(np.ceil(pixels.max(axis=0)) + 1, first + 1, limit).astype(int)
+    intrinsics = view.intrinsics.copy()
+    intrinsics[:2, 2] -= first
+    return View(view.T_world_camera, intrinsics, (int(last[1] - first[1]), int(last[0] - first[0])))

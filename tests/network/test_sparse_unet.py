@@ -1,0 +1,56 @@
+import torch
+from torch.nn import functional as F
+
+from icgnet.network.config import NETWORKS
+from icgnet.network.sparse_unet import SparseUNet, VoxelPyramid
+
+
+def shell(radius: float = 9.0, size: int = 24) -> torch.Tensor:
+    """Voxels of a sphere's surface, with batch index 0."""
+    axis = torch.arange(size)
+    voxels = torch.cartesian_prod(axis, axis, axis)
+    distance = (voxels - size / 2).float().norm(dim=1)
+    return F.pad(voxels[(distance - radius).abs() < 0.6], (1, 0))
+
+
+def network() -> SparseUNet:
+    torch.manual_seed(0)
+    return SparseUNet(NETWORKS["tiny"]).eval()
+
+
+def test_features_move_with_the_scene_in_steps_of_the_coarsest_voxel():
+    net, voxels = network(), shell()
+    moved = voxels + torch.tensor([0, 16, -32, 48])
+    for features, moved_features in zip(net(VoxelPyramid.build(voxels)), net(VoxelPyramid.build(moved)), strict=True):
+        torch.testing.assert_close(features, moved_features, rtol=1e-4, atol=1e-5)
+
+
+def test_features_do_not_depend_on_the_order_of_voxels():
+    net, voxels = network(), shell()
+    order = torch.randperm(len(voxels))
+    finest = net(VoxelPyramid.build(voxels))[-1]
+    torch.testing.assert_close(net(VoxelPyramid.build(voxels[order]))[-1], finest[order], rtol=1e-4, atol=1e-5)
+
+
+def test_levels_come_coarse_to_fine():
+    pyramid = VoxelPyramid.build(shell())
+    features = network()(pyramid)
+    assert [len(level) for level in features] == [len(level) for level in pyramid.levels[3::-1]]
+    assert [level.shape[1] for level in features] == list(NETWORKS["tiny"].decoder_widths)
+
+
+def test_evaluation_stays_close_to_training_with_batches_of_one():
+    net = network().train()
+    optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3)
+    scenes = [VoxelPyramid.build(shell(radius)) for radius in (5.0, 6.0, 7.0, 8.0)]
+    for step in range(100):
+        output = net(scenes[step % 4])[-1]
+        loss = (output - 1.0).square().mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    with torch.no_grad():
+        trained = net(scenes[0])[-1]
+        evaluated = net.eval()(scenes[0])[-1]
+    assert evaluated.abs().max() < 10.0
+    assert (trained - evaluated).abs().mean() < 0.5 * trained.abs().mean()
