@@ -7,7 +7,7 @@ import pytest
 from hypothesis import settings
 
 # Times vary with what else the machine does, so no example fails for being slow.
-settings.register_profile("icgnet", deadline=None)
+settings.register_profile("icgnet", deadline=None, max_examples=40)
 settings.load_profile("icgnet")
 
 

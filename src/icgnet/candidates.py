@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 import torch
@@ -12,7 +11,8 @@ from jaxtyping import Float, Int
 
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
 from icgnet.geometry.workspace import TABLE_HEIGHT, above_table, contains
-from icgnet.grasping.collision import Reason, check_collisions
+from icgnet.grasp_search import GraspSearch
+from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
@@ -28,31 +28,6 @@ STEEP = 0.5
 STEEP_WEIGHT = 0.2
 CONTACTS_AT_ONCE = 512
 CHECKS_AT_ONCE = 48
-
-
-@dataclass(frozen=True)
-class GraspSearch:
-    """How grasps are looked for; the defaults are what the benchmark runs with.
-
-    Attributes:
-        contacts: contact points that are scored for each window, shared among its objects.
-        min_score: candidates below this are dropped unseen.
-        per_object: free grasps after which an object has enough.
-        max_checked: candidates that are checked for collision at most.
-        width_from: whether the hand's opening comes from the network's width or from a ray through the shape.
-        resample: score points of the predicted surfaces, too, when the seen points give too few good grasps.
-        few: fewer good grasps than this are too few.
-        good_score: a grasp from this score on is good.
-    """
-
-    contacts: int = 512
-    min_score: float = 0.1
-    per_object: int = 16
-    max_checked: int = 2048
-    width_from: Literal["network", "shape"] = "network"
-    resample: bool = True
-    few: int = 5
-    good_score: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +110,7 @@ def _draw(contacts: Contacts, count: int, rng: np.random.Generator) -> Contacts:
     return contacts.select(rng.choice(len(weight), count, replace=False, p=weight / weight.sum()))
 
 
+@torch.no_grad()
 def score_contacts(
     network: IcgNet, shapes: Sequence[Shape], contacts: Contacts, gripper: Gripper, search: GraspSearch
 ) -> tuple[Grasps, dict[str, int]]:
@@ -220,7 +196,7 @@ def keep_free(
         search: the settings.
     """
     rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
-    points = tabletop.cloud.points[tabletop.standing]
+    points, _ = voxel_downsample(tabletop.cloud.points[tabletop.standing], POINT_SPACING)
     found = np.zeros(len(shapes), dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
     free: list[Int[np.ndarray, "k"]] = []

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.io
 import trimesh
 import yaml
-from jaxtyping import Float, Real
+from jaxtyping import Bool, Float, Real
 from PIL import Image, UnidentifiedImageError
 
 from icgnet.errors import DataError, InputError
@@ -76,7 +76,7 @@ def read_capture(
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"unknown kind of input {path.name!r}; known are {', '.join(SUFFIXES)}")
-    content = _read_arrays(path)
+    content = _named(path, _read_arrays(path))
     if "depth" in content:
         return _depth_capture(path, content, intrinsics, depth_scale, camera_pose, viewpoint)
     if intrinsics or camera_pose:
@@ -84,6 +84,21 @@ def read_capture(
     if viewpoint is None and "viewpoint" in content:
         viewpoint = content["viewpoint"].tolist()
     return PointCloud(content["points"], None if viewpoint is None else check_viewpoint(viewpoint), "cloud")
+
+
+def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
+    """Which pixels of an image are not 0.
+
+    Raises:
+        InputError: no such file, or an image with several channels.
+        DataError: the file cannot be read.
+    """
+    if path.suffix.lower() not in IMAGE_SUFFIXES:
+        raise InputError(f"unknown kind of mask {path.name!r}; known are {', '.join(IMAGE_SUFFIXES)}")
+    mask = _read_arrays(path)["depth"]
+    if mask.ndim != 2:
+        raise InputError(f"mask {path} must have one channel, got shape {mask.shape}")
+    return mask != 0
 
 
 def check_viewpoint(viewpoint: Any) -> Float[np.ndarray, "3"]:
@@ -126,7 +141,7 @@ def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
         return _checked_pose(numbers.reshape(4, 4), "camera pose")
     path = Path(source[0])
     if path.suffix.lower() in (".npy", ".txt"):
-        matrix = _read_arrays(path, as_points=False)["array"]
+        matrix = _read_arrays(path)["array"]
     else:
         content = _read_calibration(path)
         matrix = next((content[key] for key in POSE_KEYS if key in content), content.get("matrix"))
@@ -161,8 +176,8 @@ def _depth_capture(
     return DepthCapture(metric_depth(content["depth"], depth_scale), matrix, pose)
 
 
-def _read_arrays(path: Path, as_points: bool = True) -> dict[str, np.ndarray]:
-    """The arrays of an input file, under `depth` for an image and `points` for a cloud."""
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an input file under their names; `depth` for an image, `array` where the file has no names."""
     suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"no such file: {path}")
@@ -171,17 +186,26 @@ def _read_arrays(path: Path, as_points: bool = True) -> dict[str, np.ndarray]:
             with Image.open(path) as image:
                 return {"depth": np.asarray(image)}
         if suffix == ".npz":
-            return _name_points(path, _read_npz(path))
+            return _read_npz(path)
         if suffix == ".ply":
             return {"points": np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64)}  # pyright: ignore
         if suffix == ".npy":
-            array = np.load(path, allow_pickle=False)
-        else:
-            array = np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)
+            return {"array": np.load(path, allow_pickle=False)}
+        return {"array": np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)}
     except READ_ERRORS as error:
         raise DataError(f"cannot read {path}: {_first_line(error)}") from error
-    if not as_points:
-        return {"array": array}
+
+
+def _named(path: Path, content: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays with the image under `depth` or the cloud under `points`, whatever they were called."""
+    if "depth" in content or "points" in content:
+        return content
+    if "array" not in content:
+        key = next((key for key in POINT_KEYS if key in content), None)
+        if key is None:
+            raise InputError(f"{path} has neither 'depth' nor {', '.join(POINT_KEYS)}; it has {sorted(content)}")
+        return {**content, "points": content[key]}
+    array = content["array"]
     if array.ndim == 2 and array.shape[1] > 10:
         return {"depth": array}
     if array.ndim == 3 and array.shape[2] == 3:
@@ -195,15 +219,6 @@ def _read_arrays(path: Path, as_points: bool = True) -> dict[str, np.ndarray]:
 def _read_npz(path: Path) -> dict[str, np.ndarray]:
     with np.load(path, allow_pickle=False) as saved:
         return {key: saved[key] for key in saved.files}
-
-
-def _name_points(path: Path, content: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    if "depth" in content:
-        return content
-    key = next((key for key in POINT_KEYS if key in content), None)
-    if key is None:
-        raise InputError(f"{path} has neither 'depth' nor {', '.join(POINT_KEYS)}; it has {sorted(content)}")
-    return {**content, "points": content[key]}
 
 
 def _read_calibration(path: Path) -> Mapping[str, Any]:

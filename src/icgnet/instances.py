@@ -58,6 +58,7 @@ class Instance:
     rows: Int[np.ndarray, "n"]
 
 
+@torch.no_grad()
 def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -> list[EncodedWindow]:
     """Embeddings of all windows that hold points."""
     standing = tabletop.cloud.points[tabletop.standing]
@@ -88,7 +89,8 @@ def find_instances(views: list[EncodedWindow], points: Float[np.ndarray, "n 3"])
         views: the encoded windows.
         points: the tabletop's cloud [m].
     """
-    return keep_one_of_each([item for view in views for item in instances_of(view)], views, points)
+    found = [item for view in views for item in instances_of(view)]
+    return keep_one_of_each(found, views, points) if found else []
 
 
 def instances_of(view: EncodedWindow) -> list[Instance]:
@@ -121,12 +123,12 @@ def keep_one_of_each(
     it; after that the more complete one counts.
 
     Args:
-        found: instances of all windows.
+        found: instances of all windows; at least one.
         views: the encoded windows.
         points: the tabletop's cloud [m].
     """
     windows = [view.window for view in views]
-    middles = np.array([points[item.rows].mean(axis=0) for item in found]).reshape(-1, 3)
+    middles = np.array([points[item.rows].mean(axis=0) for item in found])
     at_home = [views[owner] is item.view for owner, item in zip(owners(windows, middles), found, strict=True)]
     order = sorted(range(len(found)), key=lambda i: (not at_home[i], -len(found[i].rows)))
     owner_of_point = np.full(len(points), -1)

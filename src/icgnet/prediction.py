@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Real
 from PIL import Image
 
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.clouds import PointCloud
+from icgnet.grasping import selection
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.grasps import Grasps
-from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.grasping.gripper import Box, Gripper, load_gripper
 from icgnet.objects.classes import CLASSES, class_index
 from icgnet.output_folder import output_folder
 
@@ -25,6 +26,7 @@ RESULT_FILE = "result.json"
 GRASPS_FILE = "grasps.npz"
 CLOUD_FILE = "cloud.npz"
 MASK_FILE = "mask.png"
+GRIPPER_FILE = "gripper.yaml"
 PICTURE_FILE = "picture.png"
 MESH_FOLDER = "meshes"
 
@@ -113,26 +115,41 @@ class Prediction:
             InputError: there is no such object.
         """
         self.class_of(instance_id)
-        return replace(self, grasps=self.grasps.select(self.grasps.instances == instance_id))
+        return replace(self, grasps=selection.of_instances(self.grasps, [instance_id]))
 
     def of_class(self, class_name: str) -> "Prediction":
-        """The same prediction with the grasps of objects of one class only.
+        """The same prediction with the grasps of the objects of one class only.
 
         Raises:
             InputError: the class is not one of `CLASSES`.
         """
         class_index(class_name)
-        ids = [item.instance_id for item in self.objects if item.class_name == class_name]
-        return replace(self, grasps=self.grasps.select(np.isin(self.grasps.instances, ids)))
+        instance_classes = {item.instance_id: item.class_name for item in self.objects}
+        return replace(self, grasps=selection.of_class(self.grasps, class_name, instance_classes))
 
-    def in_region(self, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> "Prediction":
-        """The same prediction with the grasps whose contact lies in a box, in the frame of the prediction [m]."""
-        inside = ((self.grasps.contacts >= lower) & (self.grasps.contacts <= upper)).all(axis=1)
-        return replace(self, grasps=self.grasps.select(inside))
+    def in_region(self, lower: Real[np.ndarray, "3"], upper: Real[np.ndarray, "3"]) -> "Prediction":
+        """The same prediction with the grasps in a box only, in the frame of the prediction [m].
+
+        Raises:
+            InputError: a lower coordinate that is above the upper one.
+        """
+        return replace(self, grasps=selection.in_region(self.grasps, lower, upper))
+
+    def distinct(self, limit: int | None = None) -> "Prediction":
+        """The same prediction without grasps that hardly differ from a better one, `limit` at most."""
+        return replace(self, grasps=selection.non_maximum_suppression(self.grasps, limit=limit))
 
     def best(self) -> Grasps:
         """The grasp with the highest score; empty when there is none."""
         return self.grasps.select(slice(0, 1))
+
+    def highest(self) -> Grasps:
+        """The highest grasp scored above 0.9, else 0.8, else 0.7; empty when there is none: then look again.
+
+        Paper: "Real World Experiments".
+        """
+        index = selection.highest_grasp(self.grasps, up=self.T_frame_table[:3, 2])
+        return self.grasps.select(np.zeros(0, dtype=np.int64) if index is None else np.array([index]))
 
     def to_dict(self) -> dict[str, Any]:
         """The prediction without clouds and meshes as plain values, for JSON."""
@@ -149,7 +166,7 @@ class Prediction:
         }
 
     def write(self, folder: Path) -> None:
-        """Writes result.json, grasps.npz, cloud.npz, the meshes and, for a depth image, mask.png into a folder."""
+        """Writes result.json, grasps.npz, cloud.npz, gripper.yaml, meshes/ and, for a depth image, mask.png."""
         meshes = folder / MESH_FOLDER
         meshes.mkdir()
         for item in self.objects:
@@ -177,6 +194,8 @@ class Prediction:
         if len(self.input_shape) == 2:
             # 0 is no object, k + 1 the object k.
             Image.fromarray((self.instance_mask + 1).astype(np.uint16)).save(folder / MASK_FILE)
+        # JSON is YAML, too: the hand can be read back by `load_gripper`, whatever file it came from.
+        (folder / GRIPPER_FILE).write_text(json.dumps(_gripper_entries(self.gripper), indent=1) + "\n")
         (folder / RESULT_FILE).write_text(json.dumps(self.to_dict(), indent=1) + "\n")
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
@@ -222,6 +241,22 @@ def _object_entry(item: DetectedObject) -> dict[str, Any]:
         "upper": item.points.max(axis=0).tolist(),
         "mesh": _mesh_path(item),
     }
+
+
+def _gripper_entries(gripper: Gripper) -> dict[str, Any]:
+    numbers = ("max_opening", "finger_reach", "clearance", "finger_force", "friction")
+    return {
+        "name": gripper.name,
+        **{name: getattr(gripper, name) for name in numbers},
+        "base_offset": gripper.T_grasp_base[:3, 3].tolist(),
+        "palm": _box_entries(gripper.palm),
+        "finger": _box_entries(gripper.finger),
+    }
+
+
+def _box_entries(boxes: tuple[Box, ...]) -> list[dict[str, list[float]]]:
+    corners = [(np.array(box.centre), np.array(box.size) / 2) for box in boxes]
+    return [{"lower": (centre - half).tolist(), "upper": (centre + half).tolist()} for centre, half in corners]
 
 
 def load_prediction(path: str | Path) -> Prediction:
@@ -276,7 +311,7 @@ def _assemble(
         cloud=PointCloud(points, None if np.isnan(viewpoint).any() else viewpoint, result["frame_id"]),
         cloud_instances=instances,
         T_frame_table=np.array(result["T_frame_table"]),
-        gripper=load_gripper(result["gripper"]),
+        gripper=load_gripper(folder / GRIPPER_FILE),
         input_rows=cloud_file["input_row"].astype(np.int64),
         input_shape=tuple(int(size) for size in cloud_file["input_shape"]),
     )

@@ -10,12 +10,13 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from icgnet.candidates import GraspSearch, keep_free, score_contacts, seen_contacts, surface_contacts
+from icgnet.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.capture import check_viewpoint
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import check_intrinsics, unproject
 from icgnet.geometry.clouds import PointCloud, check_points
 from icgnet.geometry.transforms import check_transform
+from icgnet.grasp_search import GraspSearch
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.instances import FEWEST_VOXELS, encode_windows, find_instances
@@ -135,7 +136,6 @@ class Predictor:
             cloud = cloud.transformed(check_transform(_matrix(camera_pose), "camera_pose"), "world")
         return self._predict(cloud, table_height, rows, image.shape, None if allowed is None else allowed[rows])
 
-    @torch.no_grad()
     def _predict(
         self,
         cloud: PointCloud,

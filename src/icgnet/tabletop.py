@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
+from scipy.spatial import KDTree
 
 from icgnet.errors import InputError, TableNotFoundError
 from icgnet.geometry.clouds import PointCloud
@@ -19,7 +20,9 @@ FIT_POINTS = 50_000
 REACH = 1.0
 """What is farther than this from the middle of everything on the table [m] is not looked at."""
 CELL = 0.004
-"""Noise is told from things in a grid of this pitch [m], so that the distance of the camera does not matter."""
+"""Noise is told from things in a grid of this pitch [m] or, for a coarse cloud, of twice its spacing."""
+SPACING_POINTS = 500
+"""Points at most whose neighbours are looked for, to learn the spacing of the cloud."""
 FEWEST_NEIGHBOURS = 4
 """An occupied cell with fewer occupied ones around it is a flying pixel; on a surface there are eight or more."""
 FEWEST_CELLS = 8
@@ -120,7 +123,7 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
     if len(points) == 0:
         return kept
     near = np.flatnonzero(np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1) < REACH)
-    cells = np.floor(points[near] / CELL).astype(np.int64)
+    cells = np.floor(points[near] / max(CELL, 2.0 * _spacing(points[near]))).astype(np.int64)
     # One empty cell around everything, so that no neighbourhood leaves the grid.
     cells += 1 - cells.min(axis=0)
     occupied = np.zeros(cells.max(axis=0) + 2, dtype=bool)
@@ -135,6 +138,13 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
     is_thing[0] = False
     kept[near] = is_thing[thing]
     return kept
+
+
+def _spacing(points: Float[np.ndarray, "n 3"]) -> float:
+    """Typical distance of a point to its nearest neighbour [m]."""
+    tree = KDTree(points, leafsize=32, balanced_tree=False, compact_nodes=False)
+    distance, _ = tree.query(points[:: -(-len(points) // SPACING_POINTS)], k=[2])
+    return float(np.median(distance)) if np.isfinite(distance).all() else 0.0
 
 
 def _neighbour_counts(occupied: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "x y z"]:

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference import normal_at
 
 from icgnet.errors import InputError
 from icgnet.geometry.clouds import (
@@ -15,6 +14,7 @@ from icgnet.geometry.clouds import (
     voxel_downsample,
 )
 from icgnet.geometry.transforms import make_transform, random_rotation, rotation_z, transform_points, transform_vectors
+from reference import normal_at
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -144,7 +144,7 @@ def test_normals_of_a_ball_point_away_from_its_centre():
 def test_normals_match_the_slow_version(seed):
     rng = np.random.default_rng(seed)
     points = plane_patch(rng, 300) + rng.normal(0, 0.001, (300, 3))
-    viewpoint = rng.uniform(-1, 1, 3) + [0, 0, 1.5]
+    viewpoint = rng.uniform(-1, 1, 3) + np.array([0, 0, 1.5])
     normals = estimate_normals(points, viewpoint, neighbours=12, radius=0.02)
     for index in rng.integers(300, size=5):
         expected = normal_at(points, points[index], viewpoint, 12, 0.02)
@@ -171,6 +171,6 @@ def test_lonely_point_has_the_direction_to_the_viewpoint():
 
 
 def test_normals_are_exact_far_from_the_origin():
-    points = plane_patch(np.random.default_rng(0), 500) + [1000.0, -2000.0, 500.0]
+    points = plane_patch(np.random.default_rng(0), 500) + np.array([1000.0, -2000.0, 500.0])
     normals = estimate_normals(points, np.array([1000.0, -2000.0, 501.0]))
     assert np.allclose(normals, [0, 0, 1], atol=1e-6)

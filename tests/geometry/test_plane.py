@@ -116,9 +116,9 @@ def test_cloud_without_a_plane_is_refused_with_the_shares(shape, size):
     if shape == "ball":
         directions = rng.normal(size=(10000, 3))
         directions[:, 2] = -np.abs(directions[:, 2])
-        points = size * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0, 0, 3 * size]
+        points = size * directions / np.linalg.norm(directions, axis=1, keepdims=True) + np.array([0, 0, 3 * size])
     else:
-        points = rng.uniform(-size, size, (10000, 3)) + [0, 0, 3 * size]
+        points = rng.uniform(-size, size, (10000, 3)) + np.array([0, 0, 3 * size])
     with pytest.raises(TableNotFoundError, match=r"holds \d+% of the points within .* mm, 20% are required") as error:
         fit_table_plane(points, np.zeros(3), rng)
     assert isinstance(error.value, InputError)

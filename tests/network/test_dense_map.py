@@ -1,5 +1,5 @@
 import torch
-from torch.nn import functional as F
+from torch import nn
 
 from icgnet.network.dense_map import DenseMap
 
@@ -31,7 +31,7 @@ def test_trilinear_and_its_gradients_equal_grid_sample():
     points = (torch.rand(50, 3, dtype=torch.float64) * 0.1 - 0.02).requires_grad_()
     features = dense_map.features.requires_grad_()
     result = dense_map.trilinear(points)
-    sampled = F.grid_sample(
+    sampled = nn.functional.grid_sample(
         features.permute(3, 2, 1, 0)[None],
         (points / 0.03 - 1).view(1, -1, 1, 1, 3),
         padding_mode="border",

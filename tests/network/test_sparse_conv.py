@@ -1,7 +1,6 @@
 import pytest
 import torch
-from reference import dense_grid, submanifold_convolution
-from torch.nn import functional as F
+from torch import nn
 
 from icgnet.errors import InputError
 from icgnet.network import sparse_conv
@@ -14,6 +13,7 @@ from icgnet.network.sparse_conv import (
     VoxelBatchNorm,
     VoxelLevel,
 )
+from reference import dense_grid, submanifold_convolution
 
 
 def random_voxels(count: int, low: int, high: int, seed: int = 0) -> torch.Tensor:
@@ -22,7 +22,7 @@ def random_voxels(count: int, low: int, high: int, seed: int = 0) -> torch.Tenso
 
 
 def batch_of(*scenes: torch.Tensor) -> torch.Tensor:
-    return torch.cat([F.pad(voxels, (1, 0), value=index) for index, voxels in enumerate(scenes)])
+    return torch.cat([nn.functional.pad(voxels, (1, 0), value=index) for index, voxels in enumerate(scenes)])
 
 
 @pytest.mark.parametrize(("kernel", "dilation"), [(3, 1), (3, 2), (5, 1)])
@@ -52,7 +52,7 @@ def test_down_convolution_equals_dense_strided_convolution():
     result = layer(features, step)
     weight = layer.weight.view(2, 2, 2, 3, 5).permute(4, 3, 0, 1, 2)
     x, y, z = step.coarse.coordinates[:, 1:].unbind(1)
-    expected = F.conv3d(dense_grid(voxels, features)[0], weight, stride=2)[0, :, x, y, z].t()
+    expected = nn.functional.conv3d(dense_grid(voxels, features)[0], weight, stride=2)[0, :, x, y, z].t()
     torch.testing.assert_close(result, expected)
     upstream = torch.randn_like(result)
     torch.testing.assert_close(
@@ -69,7 +69,7 @@ def test_up_convolution_equals_dense_transposed_convolution():
     weight = layer.weight.view(2, 2, 2, 3, 5).permute(3, 4, 0, 1, 2)
     x, y, z = voxels.unbind(1)
     volume, _ = dense_grid(step.coarse.coordinates[:, 1:], features)
-    expected = F.conv_transpose3d(volume, weight, stride=2)[0, :, x, y, z].t()
+    expected = nn.functional.conv_transpose3d(volume, weight, stride=2)[0, :, x, y, z].t()
     torch.testing.assert_close(result, expected)
     upstream = torch.randn_like(result)
     torch.testing.assert_close(

@@ -101,8 +101,12 @@ def generate(
     directory = Path(directory)
     object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
     _prepare(directory, _manifest(config, object_set, gripper))
-    todo = {shard: ids for shard, ids in _shards(config.scenes).items() if not _is_complete(directory / shard, len(ids))}
-    tasks = [(scene_id, kind_of(config.scene, scene_id)) for ids in todo.values() for scene_id in ids]
+    todo = {
+        shard: ids for shard, ids in _shards(config.scenes).items() if not _is_complete(directory / shard, len(ids))
+    }
+    tasks: list[tuple[int, Kind]] = [
+        (scene_id, kind_of(config.scene, scene_id)) for ids in todo.values() for scene_id in ids
+    ]
 
     tally = _Tally()
     start = time.perf_counter()
@@ -165,9 +169,7 @@ class _Worker:
     def __call__(self, task: tuple[int, Kind]) -> Recipe:
         scene_id, kind = task
         config = self.config
-        return label_scene(
-            scene_id, config.seed, kind, config.split, self.object_set, self.gripper, config.labels
-        )
+        return label_scene(scene_id, config.seed, kind, config.split, self.object_set, self.gripper, config.labels)
 
 
 # A process of the pool keeps its object set, so that meshes are read once and not for every scene.
@@ -215,9 +217,8 @@ def _prepare(directory: Path, manifest: dict[str, object]) -> None:
     found = read_manifest(directory)
     for key in manifest.keys() | found.keys():
         if key != "code_version" and manifest.get(key) != found.get(key):
-            raise DataError(
-                f"{directory}: made with another configuration: {key} is {found.get(key)} there, {manifest.get(key)} now"
-            )
+            difference = f"{key} is {found.get(key)} there, {manifest.get(key)} now"
+            raise DataError(f"{directory}: made with another configuration: {difference}")
 
 
 def _code_version() -> str:
@@ -254,7 +255,9 @@ class _Tally:
 
     def report(self, found: int, seconds: float, workers: int) -> Report:
         rate = self.labels / (seconds * workers) if self.labels else 0.0
-        return Report(**asdict(self), scenes_found=found, seconds=seconds, workers=workers, labels_per_second_per_core=rate)
+        return Report(
+            **asdict(self), scenes_found=found, seconds=seconds, workers=workers, labels_per_second_per_core=rate
+        )
 
 
 def _count_bits(bits: np.ndarray) -> int:

@@ -1,6 +1,6 @@
 """From a random stream to one labelled scene."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -50,9 +50,9 @@ class LabelSettings:
 
     contacts: int = 48
     object_count: int | None = None
-    physics: Physics = Physics()
-    jitter: Jitter = Jitter()
-    variation: Variation = Variation()
+    physics: Physics = field(default_factory=Physics)
+    jitter: Jitter = field(default_factory=Jitter)
+    variation: Variation = field(default_factory=Variation)
 
     def __post_init__(self) -> None:
         if self.contacts < 1:
@@ -103,14 +103,14 @@ def label_scene(
     )
 
 
-def _spawn(
-    kind: Kind, object_set: ObjectSet, split: Split, rng: np.random.Generator, settings: LabelSettings
-) -> Scene:
+def _spawn(kind: Kind, object_set: ObjectSet, split: Split, rng: np.random.Generator, settings: LabelSettings) -> Scene:
     for _ in range(MAX_EMPTY_SCENES):
         scene = spawn_scene(kind, object_set, split, rng, settings.object_count, settings.physics)
         if scene.objects:
             return scene
-    raise InputError(f"object set {object_set.name!r}: no object of {MAX_EMPTY_SCENES} {kind} scenes stayed in the workspace")
+    raise InputError(
+        f"object set {object_set.name!r}: no object of {MAX_EMPTY_SCENES} {kind} scenes stayed in the workspace"
+    )
 
 
 def _recipe_objects(scene: Scene, object_set: ObjectSet) -> tuple[RecipeObject, ...]:

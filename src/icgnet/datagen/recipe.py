@@ -5,9 +5,9 @@ See docs/data_format.md for the columns.
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -195,7 +195,9 @@ def read_shard(path: Path) -> list[Recipe]:
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{path}: not a readable Parquet file (truncated?): {str(error).splitlines()[0]}") from error
     if not table.schema.equals(SCHEMA):
-        raise DataError(f"{path}: columns differ from recipe format {FORMAT_VERSION}: {_schema_difference(table.schema)}")
+        raise DataError(
+            f"{path}: columns differ from recipe format {FORMAT_VERSION}: {_schema_difference(table.schema)}"
+        )
     return _from_table(table)
 
 
@@ -235,7 +237,7 @@ def _to_row(recipe: Recipe) -> dict[str, object]:
             }
             for placed in recipe.objects
         ],
-        "contacts": [dict(zip(columns, values)) for values in zip(*columns.values())],
+        "contacts": [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)],
     }
 
 
@@ -278,5 +280,5 @@ def _from_table(table: pa.Table) -> list[Recipe]:
                 disturbed=columns["disturbed"][own],
             ),
         )
-        for row, own in zip(rows, map(slice, starts[:-1], starts[1:]))
+        for row, own in zip(rows, map(slice, starts[:-1], starts[1:]), strict=True)
     ]

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float, Float16, Int
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 PITCH = 0.0015
 """Distance between neighbouring nodes [m]."""
@@ -98,7 +98,7 @@ def cached_signed_distance_grid(mesh: trimesh.Trimesh, cache: Path | None) -> Si
     """
     if cache is None:
         return build_signed_distance_grid(mesh)
-    path = cache / f"{_content_hash(mesh)}.npz"
+    path = cache / f"{surface_hash(mesh, f'{_FORMAT} {PITCH} {PADDING}')}.npz"
     if path.is_file():
         try:
             return SignedDistanceGrid.load(path)
@@ -118,12 +118,20 @@ def build_signed_distance_grid(
     a union and a hollow that is open to the outside stays hollow). The direction of the faces does not matter.
     """
     lower, upper = mesh.bounds[0] - padding, mesh.bounds[1] + padding
-    shape = np.ceil((upper - lower) / pitch).astype(np.int64) + 1
+    shape = tuple(int(nodes) for nodes in np.ceil((upper - lower) / pitch) + 1)
     inside = np.zeros(shape, bool)
     for component in mesh.split(only_watertight=False) if mesh.body_count > 1 else [mesh]:
-        inside |= _inside(component, lower, pitch, tuple(shape))
+        inside |= _inside(component, lower, pitch, shape)
     distance = _unsigned_distance(mesh, lower, pitch, inside)
     return SignedDistanceGrid(lower, pitch, np.where(inside, -distance, distance).astype(np.float16))
+
+
+def surface_hash(mesh: trimesh.Trimesh, settings: str) -> str:
+    """Returns a name for what is derived from a mesh with some settings: the same for the same surface only."""
+    digest = hashlib.sha256(settings.encode())
+    digest.update(np.asarray(mesh.vertices, np.float32).tobytes())
+    digest.update(np.asarray(mesh.faces, np.int32).tobytes())
+    return digest.hexdigest()[:32]
 
 
 def _inside(
@@ -185,27 +193,47 @@ def _unsigned_distance(
     mesh: trimesh.Trimesh, origin: Float[np.ndarray, "3"], pitch: float, inside: Bool[np.ndarray, "x y z"]
 ) -> Float[np.ndarray, "x y z"]:
     """Returns each node's distance to the surface [m]: exact near it, elsewhere to the nearest near node's foot."""
-    vertices, faces, source = trimesh.remesh.subdivide_to_size(
-        mesh.vertices, mesh.faces, max_edge=1.5 * pitch, max_iter=20, return_index=True
-    )
-    samples = vertices[faces].mean(axis=1)
+    samples, source = _surface_samples(mesh, pitch)
     cells = np.rint((samples - origin) / pitch).astype(np.int64)
-    hidden = ndimage.binary_erosion(inside, _NEIGHBOURS)[tuple(cells.T)]  # where pieces overlap
-    samples, source, cells = samples[~hidden], source[~hidden], cells[~hidden]
+    deep = np.asarray(ndimage.binary_erosion(inside, _NEIGHBOURS), bool)
+    visible = ~deep[tuple(cells.T)]  # the rest is hidden where pieces overlap
+    samples, source, cells = samples[visible], source[visible], cells[visible]
     near = np.zeros(inside.shape, bool)
     near[tuple(cells.T)] = True
-    near = ndimage.binary_dilation(near, _NEIGHBOURS)
+    near = np.asarray(ndimage.binary_dilation(near, _NEIGHBOURS), bool)
     nodes = origin + np.argwhere(near) * pitch
-    _, nearest = cKDTree(samples).query(nodes, k=min(3, len(samples)))
+    _, nearest = KDTree(samples).query(nodes, k=min(3, len(samples)))
     feet = np.zeros((3, *inside.shape), np.float32)
     feet[:, near] = _closest_point(mesh, nodes, source[nearest.reshape(len(nodes), -1)]).T
 
-    index = ndimage.distance_transform_edt(~near, return_distances=False, return_indices=True)
+    index = np.empty((3, *inside.shape), np.int32)
+    ndimage.distance_transform_edt(~near, return_distances=False, return_indices=True, indices=index)
     square = np.zeros(inside.shape, np.float32)
-    for axis, foot in enumerate(feet):
+    for axis in range(3):
         line = origin[axis] + pitch * np.arange(inside.shape[axis])
-        square += (np.expand_dims(line, [other for other in range(3) if other != axis]) - foot[tuple(index)]) ** 2
+        square += (np.expand_dims(line, [other for other in range(3) if other != axis]) - feet[axis][tuple(index)]) ** 2
     return np.sqrt(square)
+
+
+def _surface_samples(mesh: trimesh.Trimesh, spacing: float) -> tuple[Float[np.ndarray, "s 3"], Int[np.ndarray, "s"]]:
+    """Returns points all over the surface, no further apart than `spacing` [m], and their faces.
+
+    Each face is filled with rows of points along its longest edge, so that slivers get one row.
+    """
+    corners = mesh.triangles
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    longest = edges.argmax(axis=1)
+    a, b, c = (corners[np.arange(len(corners)), (longest + i) % 3] for i in range(3))
+    length = edges.max(axis=1)
+    along = np.ceil(length / spacing).astype(np.int64)
+    rows = np.ceil(2.0 * mesh.area_faces / np.maximum(length, 1e-12) / spacing).astype(np.int64).clip(1)
+    count = along * rows
+    face = np.repeat(np.arange(len(corners)), count)
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    row, column = np.divmod(within, along[face])
+    v = ((row + 0.5) / rows[face])[:, None]
+    u = ((column + 0.5) / along[face])[:, None]
+    return (1.0 - v) * ((1.0 - u) * a[face] + u * b[face]) + v * c[face], face
 
 
 def _closest_point(
@@ -219,10 +247,3 @@ def _closest_point(
         closer = distance < best_distance
         best[closer], best_distance[closer] = foot[closer], distance[closer]
     return best
-
-
-def _content_hash(mesh: trimesh.Trimesh) -> str:
-    digest = hashlib.sha256(f"{_FORMAT} {PITCH} {PADDING}".encode())
-    digest.update(np.ascontiguousarray(mesh.vertices, np.float32))
-    digest.update(np.ascontiguousarray(mesh.faces, np.int32))
-    return digest.hexdigest()[:32]

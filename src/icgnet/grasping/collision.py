@@ -24,6 +24,8 @@ FINGER_SPACING = 0.006
 """Distance of sample points on the fingers [m]: the wall of a cup must not slip between them."""
 PALM_SPACING = 0.012
 """Distance of sample points on the palm [m]."""
+INNER_SPACING = 0.02
+"""Distance of sample points inside the palm and the space behind it [m]: no object may hide there unseen."""
 POINT_SPACING = 0.004
 """Measured points are thinned to one in a cube of this edge [m]."""
 POINT_COUNT = 2
@@ -221,12 +223,13 @@ class _SamplePoints:
 
 
 def _sample_parts(gripper: Gripper) -> tuple[_SamplePoints, _SamplePoints]:
-    """Sample points of the fingers and of the palm, without finger points that lie inside the palm."""
+    """Sample points of the fingers and of the palm; finger points that lie inside the palm are left out."""
     fingers, palm = replace(gripper, palm=()), replace(gripper, finger=())
     closed = fingers.surface_points(0.0, FINGER_SPACING)
     slides = fingers.surface_points(1.0, FINGER_SPACING) - closed
     hidden = _inside_any(closed, gripper.palm) & _inside_any(closed + gripper.max_opening * slides, gripper.palm)
-    palm_points = palm.surface_points(0.0, PALM_SPACING)
+    inner = [_inner_points(box, INNER_SPACING) for box in gripper.palm]
+    palm_points = np.concatenate([palm.surface_points(0.0, PALM_SPACING), *inner])
     return (
         _SamplePoints(closed[~hidden], slides[~hidden]),
         _SamplePoints(palm_points, np.zeros_like(palm_points)),
@@ -238,6 +241,13 @@ def _inside_any(points: Float[np.ndarray, "n 3"], boxes: tuple[Box, ...]) -> Boo
     for box in boxes:
         inside |= (np.abs(points - box.centre) <= np.array(box.size) / 2).all(axis=1)
     return inside
+
+
+def _inner_points(box: Box, spacing: float) -> Float[np.ndarray, "n 3"]:
+    """Points inside a box, at most `spacing` [m] from each other and from its faces."""
+    steps = [np.arange(1, n) / n - 0.5 for n in np.ceil(np.array(box.size) / spacing)]
+    lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.array(box.centre) + lattice * np.array(box.size)
 
 
 def _drawn_out(gripper: Gripper, approach: float) -> Gripper:

@@ -111,11 +111,11 @@ def to_graspnet(grasps: Grasps, gripper: Gripper, depth: float = 0.02) -> Float[
     return rows
 
 
-def from_graspnet(rows: Float[np.ndarray, "g 17"], gripper: Gripper) -> Grasps:
+def from_graspnet(rows: Float[np.ndarray, "..."], gripper: Gripper) -> Grasps:
     """Grasps for the rows of a graspnetAPI `GraspGroup`.
 
     Args:
-        rows: one row a grasp, see `to_graspnet`.
+        rows: [g 17], one row a grasp, see `to_graspnet`.
         gripper: gives finger reach and clearance.
 
     Raises:

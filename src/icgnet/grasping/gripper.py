@@ -10,7 +10,7 @@ import yaml
 from jaxtyping import Float
 
 from icgnet.errors import DataError
-from icgnet.geometry.transforms import check_transform, make_transform
+from icgnet.geometry.transforms import make_transform
 
 GRIPPERS = Path(__file__).parent / "grippers"
 
@@ -107,25 +107,37 @@ def _parse(entries: Any, path: Path) -> Gripper:
         given = sorted(entries) if isinstance(entries, dict) else type(entries).__name__
         raise DataError(f"gripper file {path} must have the entries {sorted(required)}, got {given}")
     try:
-        values = {key: float(entries[key]) for key in numbers}
-        offset = make_transform(np.eye(3), np.array(entries["base_offset"], float))
+        values = {key: _parse_number(entries, key) for key in numbers}
+        T_grasp_base = make_transform(np.eye(3), _parse_vector(entries, "base_offset"))
         palm, finger = _parse_boxes(entries["palm"]), _parse_boxes(entries["finger"])
-        T_grasp_base = check_transform(offset, "base_offset")
     except (TypeError, ValueError, KeyError) as error:
         raise DataError(f"gripper file {path}: {error}") from error
-    for key, value in values.items():
-        if not 0 < value < 1000:
-            raise DataError(f"gripper file {path}: {key} must be positive, got {value}")
     if values["max_opening"] > 0.5:
         raise DataError(f"gripper file {path}: max_opening is in metres, got {values['max_opening']}")
     return Gripper(name=str(entries["name"]), T_grasp_base=T_grasp_base, palm=palm, finger=finger, **values)
 
 
-def _parse_boxes(entries: list[dict[str, list[float]]]) -> tuple[Box, ...]:
+def _parse_number(entries: Any, key: str) -> float:
+    value = entries[key]
+    if not isinstance(value, int | float) or not 0 < value < 1000:
+        raise ValueError(f"{key} must be a positive number, got {value!r}")
+    return float(value)
+
+
+def _parse_vector(entries: Any, key: str) -> Float[np.ndarray, "3"]:
+    vector = np.array(entries[key], float)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{key} must be three numbers [m], got {entries[key]!r}")
+    return vector
+
+
+def _parse_boxes(entries: Any) -> tuple[Box, ...]:
     boxes = []
     for entry in entries:
-        lower, upper = np.array(entry["lower"], float), np.array(entry["upper"], float)
-        if lower.shape != (3,) or upper.shape != (3,) or not (upper > lower).all():
-            raise ValueError(f"a box needs lower < upper with three numbers each, got {entry}")
-        boxes.append(Box(tuple((lower + upper) / 2), tuple(upper - lower)))
+        if not isinstance(entry, dict) or set(entry) != {"lower", "upper"}:
+            raise ValueError(f"a box needs the entries lower and upper, got {entry!r}")
+        lower, upper = _parse_vector(entry, "lower"), _parse_vector(entry, "upper")
+        if not (upper > lower).all():
+            raise ValueError(f"a box needs lower < upper, got {entry!r}")
+        boxes.append(Box(tuple(((lower + upper) / 2).tolist()), tuple((upper - lower).tolist())))
     return tuple(boxes)

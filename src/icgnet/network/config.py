@@ -19,14 +19,14 @@ class HandConfig:
     """Offsets along the approach direction [m]: negative is towards the palm."""
     sideways: tuple[float, ...] = (-0.012, 0.012)
     """Offsets across the fingers [m]."""
-    rays: tuple[float, ...] = (0.020, 0.010, 0.0, -0.010, -0.020, -0.030, -0.040, -0.050, -0.060, -0.070, -0.080, -0.090)
-    """Offsets along the normal [m] that the width head reads."""
+    rays: tuple[float, ...] = tuple(round(0.02 - 0.01 * step, 3) for step in range(12))
+    """Offsets along the normal that the width head reads [m]: every centimetre from +20 mm to -90 mm."""
     map_channels: int = 8
     """Channels that the finest dense map is projected to before it is read."""
     hidden: int = 128
     contact_width: int = 64
     width_limit: float = 0.09
-    """Largest opening that the width head can name [m]: a little above the hand's, so that 80 mm is not at the limit."""
+    """Largest opening that the width head can name [m]: a little above the hand's, so that 80 mm is not its limit."""
 
     @property
     def points(self) -> int:

@@ -36,9 +36,7 @@ class ConditionedDecoder(nn.Module):
         self.blocks = nn.ModuleList(ResidualBlock(width, width) for _ in range(config.decoder_blocks))
         self.end = nn.Linear(width, outputs)
 
-    def forward(
-        self, features: Float[Tensor, "*p f"], latent: Float[Tensor, "*l c"]
-    ) -> Float[Tensor, "*p o"]:
+    def forward(self, features: Float[Tensor, "*p f"], latent: Float[Tensor, "*l c"]) -> Float[Tensor, "*p o"]:
         """Outputs at points; `latent` broadcasts against the points (`[i 1 c]` for `[i n f]`)."""
         scale = latent[..., -1:].expand(*features.shape[:-1], 1)
         hidden = self.start(torch.cat([features, scale], -1))
@@ -47,9 +45,7 @@ class ConditionedDecoder(nn.Module):
         return self.end(torch.relu(hidden))
 
 
-def centred_on_queries(
-    features: Float[Tensor, "n f"], query_positions: Float[Tensor, "i 3"]
-) -> Float[Tensor, "i n f"]:
+def centred_on_queries(features: Float[Tensor, "n f"], query_positions: Float[Tensor, "i 3"]) -> Float[Tensor, "i n f"]:
     """Point features for every query, with the first three channels (normalised position) relative to the query's."""
     offsets = features[None, :, :3] - query_positions[:, None]
     return torch.cat([offsets, features[None, :, 3:].expand(len(query_positions), -1, -1)], 2)
@@ -67,5 +63,6 @@ class ContactDecoder(nn.Module):
         self.width = ConditionedDecoder(config, 1)
 
     def forward(self, features: Float[Tensor, "g f"], latent: Float[Tensor, "g c"]) -> Affordance:
+        """Affordance from point features at contacts and the latent of each contact's instance."""
         logits = self.quality(features, latent)
         return Affordance(logits, self.width(features, latent)[:, 0], logits.amax(1))

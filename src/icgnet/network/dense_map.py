@@ -6,9 +6,8 @@ from typing import Any
 import torch
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
-from torch import Tensor
+from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
-from torch.nn import functional as F
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +20,8 @@ class DenseMap:
 
     def nearest(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n c"]:
         """Features of the cells that contain the points [m, workspace frame]; outside, of the border cell."""
-        x, y, z = (self._row_parts(axis, cells) for axis, cells in enumerate(torch.floor(points / self.pitch).unbind(1)))
+        cells = torch.floor(points / self.pitch)
+        x, y, z = (self._row_parts(axis, cells[:, axis]) for axis in range(3))
         return self._table().index_select(0, x + y + z)
 
     def trilinear(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n c"]:
@@ -60,7 +60,7 @@ class _WeightedRows(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, table: Tensor, rows: Int[Tensor, "n k"], weights: Float[Tensor, "n k"]) -> Tensor:
         ctx.save_for_backward(table, rows, weights)
-        return F.embedding_bag(rows, table, per_sample_weights=weights.to(table.dtype), mode="sum")
+        return nn.functional.embedding_bag(rows, table, per_sample_weights=weights.to(table.dtype), mode="sum")
 
     @staticmethod
     @once_differentiable

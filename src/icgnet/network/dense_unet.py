@@ -5,7 +5,6 @@ import itertools
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from icgnet.network.config import NetworkConfig
 from icgnet.network.dense_map import DenseMap
@@ -22,6 +21,7 @@ class GridConv(nn.Conv3d):
         super().__init__(inputs, outputs, 3, padding=1, bias=False)
 
     def forward(self, input: Float[Tensor, "b i x y z"]) -> Float[Tensor, "b o x y z"]:
+        """Convolved grid, zeros beyond the border."""
         reduced = torch.is_autocast_enabled(input.device.type)
         plain = input.device.type == "cpu" and input.dtype == torch.float32 and not reduced
         if plain and not torch.is_grad_enabled() and torch.backends.mkldnn.is_available():
@@ -41,8 +41,8 @@ class DenseUNet(nn.Module):
     """U-Net over the workspace grid; its four finest decoder-side maps are given out.
 
     Paper: volumetric features at 1 cm.
-    Differs: pooling keeps a partial last cell and upsampling repeats cells, so that cell i of the map at stride s covers
-    exactly [i, i + 1] * s * pitch at every level (published: 30 -> 15 -> 7 -> 3 cells, stretched to fit).
+    Differs: pooling keeps a partial last cell and upsampling repeats cells, so that cell i of the map at stride s
+    covers exactly [i, i + 1] * s * pitch at every level (published: 30 -> 15 -> 7 -> 3 cells, stretched to fit).
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -64,7 +64,7 @@ class DenseUNet(nn.Module):
         skips, features = [], grid.contiguous(memory_format=torch.channels_last_3d)
         for index, block in enumerate(self.encoder):
             if index:
-                features = F.max_pool3d(features, 2, ceil_mode=True)
+                features = nn.functional.max_pool3d(features, 2, ceil_mode=True)
             features = block(features)
             skips.append(features)
         outputs = [skips[-2]]
@@ -83,6 +83,6 @@ class DenseUNet(nn.Module):
 
 def _double(features: Tensor, like: Tensor) -> Tensor:
     """Every cell repeated twice along each axis, cut to the size of `like`."""
-    doubled = F.interpolate(features, scale_factor=2, mode="nearest")
+    doubled = nn.functional.interpolate(features, scale_factor=2, mode="nearest")
     size_x, size_y, size_z = like.shape[2:]
     return doubled[:, :, :size_x, :size_y, :size_z]

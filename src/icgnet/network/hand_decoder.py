@@ -99,9 +99,7 @@ class HandDecoder(nn.Module):
     ) -> Affordance:
         """Affordance at contacts [m, workspace frame] with outward unit normals.
 
-        Args:
-            features: interpolated point features at the contacts.
-            queries: affordance query of each contact's instance.
+        `features` are the interpolated point features there, `queries` the affordance query of each one's instance.
         """
         contact = self.contact_features(features, queries, contacts, normals, embedding)
         readable = self.readable_map(embedding)

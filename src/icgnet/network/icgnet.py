@@ -109,8 +109,11 @@ class IcgNet(nn.Module):
         """Grasp success per approach angle and opening width at contacts, each with its own instance's query.
 
         Args:
+            embedding: of the scene.
+            queries: for each contact the query of the instance it is on.
             contacts: points on the objects [m, workspace frame].
             normals: outward unit normals there (workspace frame); a network of the published kind ignores them.
+            stage: which stage's queries are decoded; the last by default.
 
         Raises:
             InputError: for a stage that the configuration does not decode.

@@ -68,6 +68,5 @@ class Interpolation(nn.Module):
 
 
 def feature_level(stage: int) -> int:
-    """Level of the maps that the decoders read for the queries of a stage: stage i reads level i, the last the finest.
-    """
+    """Level of the maps that the decoders read for the queries of a stage: its own, and the finest after the last."""
     return min(stage, 3)

@@ -17,6 +17,7 @@ class ResidualBlock(nn.Module):
         nn.init.zeros_(self.second.weight)
 
     def forward(self, features: Float[Tensor, "*n i"]) -> Float[Tensor, "*n o"]:
+        """Features of the same points, one width to another."""
         hidden = torch.relu(self.first(torch.relu(features)))
         return torch.relu(self.shortcut(features) + self.second(hidden))
 
@@ -30,6 +31,7 @@ class FeedForward(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, features: Float[Tensor, "n c"]) -> Float[Tensor, "n c"]:
+        """Each row on its own."""
         return self.norm(features + self.layers(features))
 
 
@@ -49,6 +51,7 @@ class Attention(nn.Module):
         token_positions: Float[Tensor, "t c"],
         blocked: Bool[Tensor, "q t"] | None = None,
     ) -> Float[Tensor, "q c"]:
+        """Queries after they attended to the tokens that are not blocked for them."""
         attended, _ = self.attention(
             (queries + query_positions)[None],
             (tokens + token_positions)[None],

@@ -1,8 +1,9 @@
 """Nearest neighbours and farthest points of point sets."""
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 _DISTANCES_AT_ONCE = 1 << 24
@@ -13,14 +14,14 @@ class NeighbourSearch:
 
     def __init__(self, points: Float[Tensor, "t 3"]) -> None:
         self._points = points.detach()
-        self._tree = cKDTree(self._points.numpy()) if points.device.type == "cpu" else None
+        self._tree = KDTree(self._points.numpy()) if points.device.type == "cpu" else None
 
     def nearest(self, queries: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n k"]:
         """Rows of the `count` nearest points, nearest first; the last is repeated where the set is smaller."""
         queries, found = queries.detach(), min(count, len(self._points))
         if self._tree is not None:
-            rows = self._tree.query(queries.numpy(), k=range(1, found + 1))[1]
-            nearest = torch.from_numpy(rows)
+            rows = np.asarray(self._tree.query(queries.numpy(), k=found)[1])
+            nearest = torch.from_numpy(rows.reshape(len(queries), found))
         else:
             blocks = queries.split(max(1, _DISTANCES_AT_ONCE // len(self._points)))
             nearest = torch.cat([torch.cdist(b, self._points).topk(found, largest=False).indices for b in blocks])

@@ -50,6 +50,7 @@ class FourierEncoding(nn.Module):
         self.frequencies: Tensor
 
     def forward(self, points: Float[Tensor, "n 3"], bounds: Bounds) -> Float[Tensor, "n c"]:
+        """Encoding of points [m, workspace frame]; `query_width` channels."""
         normalised = bounds.normalise(points)
         phase = 2.0 * math.pi * normalised @ self.frequencies
         return torch.cat([normalised, torch.cat([phase.sin(), phase.cos()], 1)[:, 3:]], 1)

@@ -26,9 +26,7 @@ class StageOutput:
     """The queries for the affordance decoder; None at stages that the configuration does not decode."""
 
 
-def attention_blocks(
-    mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshold: float
-) -> Bool[Tensor, "q t"]:
+def attention_blocks(mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshold: float) -> Bool[Tensor, "q t"]:
     """Which tokens each query must not attend to: those that its pooled mask does not cover.
 
     A query whose mask covers nothing attends to everything.
@@ -74,6 +72,7 @@ class RefinementStage(nn.Module):
         token_positions: Float[Tensor, "t c"],
         blocked: Bool[Tensor, "q t"],
     ) -> Float[Tensor, "q c"]:
+        """Queries after one look at the tokens (`features` as aggregated) that are not blocked for them."""
         tokens = self.tokens(features)
         queries = self.cross_attention(queries, query_positions, tokens, token_positions, blocked)
         queries = self.self_attention(queries, query_positions, queries, query_positions)

@@ -48,7 +48,8 @@ class CoordinateIndex:
         keys = self.keys[:, None] + (offsets * self.strides[1:]).sum(1)
         if self._table is not None:
             return self._table[keys]
-        assert self._sorted is not None and self._order is not None
+        assert self._sorted is not None
+        assert self._order is not None
         position = torch.searchsorted(self._sorted, keys).clamp_(max=self.rows - 1)
         found = self._sorted[position] == keys
         return torch.where(found, self._order[position], self.rows).int()
@@ -98,8 +99,11 @@ def _gather(features: Tensor, neighbours: Tensor) -> Tensor:
 
 
 class _SubmanifoldProduct(torch.autograd.Function):
-    """Gather and multiply. The neighbour relation is symmetric, so the backward pass is a gather too: the gradient
-    gathered with the same table serves the input's gradient (flipped kernel) and the weight's, without a scatter."""
+    """Gather and multiply.
+
+    The neighbour relation is symmetric, so the backward pass is a gather too: the gradient gathered with the same table
+    serves the input's gradient (flipped kernel) and the weight's, without a scatter.
+    """
 
     @staticmethod
     def forward(ctx: Any, features: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
@@ -147,6 +151,7 @@ class SubmanifoldConv(nn.Module):
         self.weight = _initial_weight(kernel**3, inputs, outputs, _SURFACE_SHARE)
 
     def forward(self, features: Float[Tensor, "v i"], level: VoxelLevel) -> Float[Tensor, "v o"]:
+        """Convolved features of the same voxels."""
         return submanifold_convolution(features, self.weight, level.neighbours(self.kernel, self.dilation))
 
 
@@ -158,6 +163,7 @@ class DownConv(nn.Module):
         self.weight = _initial_weight(8, inputs, outputs, _SURFACE_SHARE)
 
     def forward(self, features: Float[Tensor, "v i"], step: Coarsening) -> Float[Tensor, "p o"]:
+        """Features of the coarse voxels of a step."""
         children = features.new_zeros(len(step.coarse) * 8, features.shape[1]).index_copy(0, step.slots, features)
         return children.view(len(step.coarse), -1) @ self.weight.reshape(-1, self.weight.shape[2])
 
@@ -170,6 +176,7 @@ class UpConv(nn.Module):
         self.weight = _initial_weight(8, inputs, outputs, 1.0 / 8)
 
     def forward(self, features: Float[Tensor, "p i"], step: Coarsening) -> Float[Tensor, "v o"]:
+        """Features of the fine voxels of a step."""
         outputs = self.weight.shape[2]
         children = features @ self.weight.transpose(0, 1).reshape(features.shape[1], -1)
         return children.view(-1, outputs).index_select(0, step.slots)
@@ -179,6 +186,7 @@ class VoxelBatchNorm(nn.BatchNorm1d):
     """Batch normalisation over voxels; a level with a single voxel has no variance and uses the running statistics."""
 
     def forward(self, input: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
+        """Normalised features."""
         if self.training and len(input) == 1:
             return nn.functional.batch_norm(
                 input, self.running_mean, self.running_var, self.weight, self.bias, False, 0.0, self.eps

@@ -43,6 +43,7 @@ class SparseBlock(nn.Module):
             )
 
     def forward(self, features: Float[Tensor, "v i"], level: VoxelLevel) -> Float[Tensor, "v o"]:
+        """Features of the same voxels."""
         hidden = torch.relu(self.first_norm(self.first(features, level)))
         return torch.relu(self.second_norm(self.second(hidden, level)) + self.shortcut(features))
 

@@ -30,7 +30,8 @@ def extract_mesh(
 
     Args:
         occupancy: from points `[n, 3]` (float32 [m]) to logits `[n]`, above 0 inside.
-        lower, upper: corners of the box [m].
+        lower: lower corner of the box [m].
+        upper: upper corner of the box [m].
         resolution: cells along the longest edge of the box; rounded up to a multiple of the coarse grid's.
 
     Raises:
@@ -54,7 +55,9 @@ def extract_mesh(
     return _marching_cubes(values, lower, pitch)
 
 
-def _evaluate(occupancy: Callable[[Tensor], Tensor], vertices: np.ndarray, lower: np.ndarray, pitch: float) -> np.ndarray:
+def _evaluate(
+    occupancy: Callable[[Tensor], Tensor], vertices: np.ndarray, lower: np.ndarray, pitch: float
+) -> np.ndarray:
     points = torch.from_numpy((lower + vertices * pitch).astype(np.float32))
     parts = [occupancy(part).float().cpu() for part in points.split(_BATCH)]
     return torch.cat(parts).numpy() if parts else np.zeros(0, np.float32)
@@ -96,13 +99,12 @@ def _vertices_of(cells: np.ndarray) -> np.ndarray:
 
 
 def _marching_cubes(values: np.ndarray, lower: np.ndarray, pitch: float) -> trimesh.Trimesh:
-    outside = -max(float(np.abs(values).max()), 1e-6)
-    padded = np.pad(values, 1, constant_values=outside)
+    largest = max(float(np.abs(values).max()), 1e-6)
+    padded = np.pad(values, 1, constant_values=-largest)
     if padded.max() <= 0:
         return trimesh.Trimesh()
-    # exact zeros at grid points would give triangles without area
-    padded = np.where(padded == 0, np.float32(-1e-9), padded)
+    # a surface exactly through a grid point would have triangles without area: keep it a little away on either side
+    away = 1e-4 * largest
+    padded = np.where(padded > 0, np.maximum(padded, away), np.minimum(padded, -away))
     vertices, faces, _, _ = measure.marching_cubes(padded, 0.0, gradient_direction="ascent")
-    mesh = trimesh.Trimesh(lower + (vertices - 1) * pitch, faces, process=False)
-    mesh.merge_vertices()
-    return mesh
+    return trimesh.Trimesh(lower + (vertices - 1) * pitch, faces, process=False)

@@ -39,10 +39,16 @@ def wall_profile(rng: np.random.Generator, height: float) -> Profile:
     return list(zip(share, t * height, strict=True))
 
 
-def cup(rng: np.random.Generator, radius: float, height: float, outline: Outline, fill: float = 0.0) -> tuple[Solid, Profile, float]:
+def cup(
+    rng: np.random.Generator, radius: float, height: float, outline: Outline, fill: float = 0.0
+) -> tuple[Solid, Profile, float]:
     """Returns an open cup, the profile of its outside, and the thickness of its wall [m].
 
     Args:
+        rng: draws the profile and the thicknesses.
+        radius: of the cup [m].
+        height: of the cup [m].
+        outline: cross-section of radius 1.
         fill: share of the height up to which the hollow is filled, at least.
     """
     profile = wall_profile(rng, height)
@@ -78,7 +84,9 @@ def mug(rng: np.random.Generator) -> Solid:
     radius = rng.uniform(0.035, 0.05)
     height = radius * rng.uniform(1.5, 3.2)
     outline = circle(SIDES) if rng.random() < 0.8 else superellipse(SIDES, rng.uniform(2.4, 3.5))
-    body, profile, wall = cup(rng, radius, height, outline, fill=rng.uniform(0.6, 0.85) if rng.random() < 0.125 else 0.0)
+    body, profile, wall = cup(
+        rng, radius, height, outline, fill=rng.uniform(0.6, 0.85) if rng.random() < 0.125 else 0.0
+    )
     return body + handle(rng, profile, radius, 0.5 * wall)
 
 
@@ -162,7 +170,14 @@ def can(rng: np.random.Generator) -> Solid:
         profile = [(0.95, 0.0), (1.0, 0.5 * rim), (1.0, height - 0.5 * rim), (0.95, height)]
     elif style == "rims":
         out = 1.0 + rng.uniform(0.02, 0.05)
-        profile = [(out, 0.0), (out, rim), (1.0, 1.5 * rim), (1.0, height - 1.5 * rim), (out, height - rim), (out, height)]
+        profile = [
+            (out, 0.0),
+            (out, rim),
+            (1.0, 1.5 * rim),
+            (1.0, height - 1.5 * rim),
+            (out, height - rim),
+            (out, height),
+        ]
     elif style == "ribs":
         count, depth = int(rng.integers(2, 5)), rng.uniform(0.02, 0.04)
         levels = np.linspace(0.2, 0.8, 2 * count + 1) * height
@@ -186,7 +201,12 @@ def bottle(rng: np.random.Generator) -> Solid:
     neck = rng.uniform(0.25, 0.55)
     shoulder_start = rng.uniform(0.45, 0.72)
     shoulder_end = min(0.9, shoulder_start + rng.uniform(0.08, 0.3))
-    sections = [circle(SIDES), circle(SIDES), superellipse(SIDES, rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.0)), superellipse(SIDES, rng.uniform(5.0, 8.0), rng.uniform(0.6, 1.0))]
+    sections = [
+        circle(SIDES),
+        circle(SIDES),
+        superellipse(SIDES, rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.0)),
+        superellipse(SIDES, rng.uniform(5.0, 8.0), rng.uniform(0.6, 1.0)),
+    ]
     outline = sections[rng.integers(len(sections))]
     slimness = np.abs(outline[:, 1]).max()
     round_neck = circle(SIDES) * min(neck, 0.8 * slimness)
@@ -205,7 +225,9 @@ def bottle(rng: np.random.Generator) -> Solid:
     return _closure(rng, rings, round_neck, radius, shoulder_end * height, height)
 
 
-def _closure(rng: np.random.Generator, rings: list[Ring], neck: Outline, radius: float, start: float, top: float) -> Solid:
+def _closure(
+    rng: np.random.Generator, rings: list[Ring], neck: Outline, radius: float, start: float, top: float
+) -> Solid:
     """Returns a bottle's rings continued by a screw cap, a crown, a pump or a spray head."""
     style = rng.choice(["cap", "lip", "plain", "pump", "spray"], p=[0.4, 0.2, 0.2, 0.1, 0.1])
     width = float(np.abs(neck[:, 0]).max()) * radius
@@ -239,9 +261,13 @@ def handled_bottle(rng: np.random.Generator) -> Solid:
     neck = circle(SIDES) * rng.uniform(0.28, 0.4)
     levels = [(0.92, 0.0), (1.0, 0.05), (1.0, 0.5)]
     rings = [ring(outline, share * radius, z * height) for share, z in levels]
-    rings += [ring(outline * (1.0 - t) + neck * t, radius, z * height) for t, z in ((0.35, 0.62), (0.8, 0.78), (1.0, 0.84))]
+    rings += [
+        ring(outline * (1.0 - t) + neck * t, radius, z * height) for t, z in ((0.35, 0.62), (0.8, 0.78), (1.0, 0.84))
+    ]
     rings += [ring(neck, 1.25 * radius, 0.86 * height), ring(neck, 1.25 * radius, height)]
-    grip = np.array([[-0.85, 0.47], [-1.1, 0.52], [-1.15, 0.7], [-0.95, 0.82], [-0.3, 0.8]]) * np.array([radius, height])
+    grip = np.array([[-0.85, 0.47], [-1.1, 0.52], [-1.15, 0.7], [-0.95, 0.82], [-0.3, 0.8]]) * np.array(
+        [radius, height]
+    )
     path = np.column_stack([grip[:, 0], np.zeros(len(grip)), grip[:, 1]])
     return loft(rings) + tube(path, superellipse(10, 2.5) * radius * np.array([0.13, 0.2]))
 
@@ -308,7 +334,14 @@ def spool(rng: np.random.Generator) -> Solid:
     radius = rng.uniform(0.03, 0.04)
     height = radius * rng.uniform(1.8, 3.6)
     disc, core, top = height * rng.uniform(0.1, 0.2), rng.uniform(0.5, 0.85), rng.uniform(0.85, 1.0)
-    profile = [(1.0, 0.0), (1.0, disc), (core, disc + 0.003), (core, height - disc - 0.003), (top, height - disc), (top, height)]
+    profile = [
+        (1.0, 0.0),
+        (1.0, disc),
+        (core, disc + 0.003),
+        (core, height - disc - 0.003),
+        (top, height - disc),
+        (top, height),
+    ]
     return loft(profile_rings(circle(SIDES), profile, radius))
 
 
@@ -331,7 +364,10 @@ def fruit(rng: np.random.Generator) -> Solid:
     """Returns an apple, orange or pumpkin: round, with a foot to stand on and sometimes lobes."""
     t = np.linspace(0.16, 0.9, 9) * np.pi
     lobes = int(rng.choice([0, 0, 5, 6, 8]))
-    outline = circle(SIDES) * (1.0 + (0.03 if lobes else 0.0) * np.cos(lobes * np.linspace(0, 2 * np.pi, SIDES, endpoint=False)))[:, None]
+    outline = (
+        circle(SIDES)
+        * (1.0 + (0.03 if lobes else 0.0) * np.cos(lobes * np.linspace(0, 2 * np.pi, SIDES, endpoint=False)))[:, None]
+    )
     squash = rng.uniform(0.85, 1.0)
     wide = rng.uniform(-0.1, 0.1)
     profile = [(float(np.sin(a) * (1.0 + wide * np.cos(a))), float(-np.cos(a) * squash * 0.035)) for a in t]

@@ -83,13 +83,13 @@ def _ear_quality(outline: Outline, remaining: list[int], i: int) -> float:
     if area <= 1e-12:
         return -1.0
     others = outline[[index for index in remaining if index not in corner]]
-    inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
-    if inside.any():
+    sides = np.array([_turn(a, b, others), _turn(b, c, others), _turn(c, a, others)])
+    if (sides >= 0.0).all(axis=0).any():
         return -1.0
     return float(area / max(np.sum((b - a) ** 2), np.sum((c - b) ** 2), np.sum((a - c) ** 2)))
 
 
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray | float:
     """Returns twice the signed area of the triangles a, b, c; c may be many points."""
     return (b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0])
 

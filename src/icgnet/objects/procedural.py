@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from trimesh.transformations import scale_and_translate
 
-from icgnet.objects import containers, sundries
+from icgnet.objects import containers, sundries, toys
+from icgnet.objects.base import KINDS, Kind, ObjectSet, Split, check_kind_and_split, unknown_object
 from icgnet.objects.classes import CLASSES, class_index
 from icgnet.objects.model import ObjectModel
-from icgnet.objects.object_set import KINDS, Kind, ObjectSet, Split, check_kind_and_split, unknown_object
 from icgnet.objects.solids import Solid
 
 SEED = 20_240_511
@@ -63,8 +63,8 @@ FAMILIES: dict[str, tuple[Family, ...]] = {
     "other": (
         Family(sundries.bowl, 2.0, stands=False),
         Family(sundries.pan, stands=False),
-        Family(sundries.block, 3.0),
-        Family(sundries.star),
+        Family(toys.block, 3.0),
+        Family(toys.star),
         Family(sundries.hammer, 2.0, stands=False),
         Family(sundries.wrench, stands=False),
         Family(sundries.screwdriver, stands=False),
@@ -72,22 +72,22 @@ FAMILIES: dict[str, tuple[Family, ...]] = {
         Family(sundries.banana, 2.0, stands=False),
         Family(sundries.donut, stands=False),
         Family(sundries.horseshoe, stands=False),
-        Family(sundries.cone),
+        Family(toys.cone),
         Family(sundries.egg, 2.0, stands=False),
         Family(sundries.pear, 2.0),
         Family(sundries.mushroom),
-        Family(sundries.brick),
-        Family(sundries.camera),
-        Family(sundries.toy_car, stands=False),
-        Family(sundries.shoe),
-        Family(sundries.house),
-        Family(sundries.rock, 2.0, stands=False),
-        Family(sundries.animal, 3.0, stands=False),
-        Family(sundries.lump, 3.0, stands=False),
-        Family(sundries.twisted_column, 2.0),
-        Family(sundries.padlock),
+        Family(toys.brick),
+        Family(toys.camera),
+        Family(toys.toy_car, stands=False),
+        Family(toys.shoe),
+        Family(toys.house),
+        Family(toys.rock, 2.0, stands=False),
+        Family(toys.animal, 3.0, stands=False),
+        Family(toys.lump, 3.0, stands=False),
+        Family(toys.twisted_column, 2.0),
+        Family(toys.padlock),
         Family(sundries.dumbbell),
-        Family(sundries.chair),
+        Family(toys.chair),
         Family(sundries.spoon, stands=False),
         Family(sundries.funnel),
     ),
@@ -105,10 +105,12 @@ class ProceduralObjectSet(ObjectSet):
         super().__init__("procedural")
 
     def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
+        """Returns the sorted keys of the objects for scenes of `kind` in `split`."""
         check_kind_and_split(kind, split)
         return tuple(key for key, key_split in _splits().items() if key_split == split and key.startswith(f"{kind}/"))
 
     def class_name(self, key: str) -> str:
+        """Returns an object's class without loading it."""
         if key not in _splits():
             raise unknown_object(self.name, key, _splits())
         return key.split("/")[1].split("_")[0]

@@ -58,11 +58,11 @@ class Solid:
 
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Solid":
         """Returns the solid shifted [m]."""
-        return self.transformed(translation_matrix([x, y, z]))
+        return self.transformed(np.asarray(translation_matrix([x, y, z])))
 
     def turned(self, angle: float, axis: tuple[float, float, float]) -> "Solid":
         """Returns the solid turned about an axis through the origin [rad]."""
-        return self.transformed(rotation_matrix(angle, axis))
+        return self.transformed(np.asarray(rotation_matrix(angle, axis)))
 
 
 def ring(outline: Outline, scale: float | tuple[float, float], z: float, x: float = 0.0, y: float = 0.0) -> Ring:
@@ -100,13 +100,21 @@ def vessel(outer: list[Ring], inner: list[Ring], sectors: int = 14) -> Solid:
 def hollow_prism(outer: Outline, inner: Outline, height: float, sectors: int = 14, bevel: float = 0.0) -> Solid:
     """Returns a tube with a bore from end to end (a roll of tape), standing on z = 0 [m]."""
     shrink = 1.0 - bevel / np.abs(outer).max()
-    levels = [(shrink, 0.0), (1.0, bevel), (1.0, height - bevel), (shrink, height)] if bevel else [(1.0, 0.0), (1.0, height)]
+    levels = (
+        [(shrink, 0.0), (1.0, bevel), (1.0, height - bevel), (shrink, height)] if bevel else [(1.0, 0.0), (1.0, height)]
+    )
     outside = [ring(outer, scale, z) for scale, z in levels]
     inside = [ring(inner, 1.0, 0.0), ring(inner, 1.0, height)]
     return Solid(*_skin([*outside, *inside[::-1]], closed=True), tuple(_wall_parts(outside, inside, sectors)))
 
 
-def tube(path: Float[np.ndarray, "p 3"], outline: Outline, scales: list[float] | None = None, side: tuple[float, float, float] = (0, 1, 0), closed: bool = False) -> Solid:
+def tube(
+    path: Float[np.ndarray, "p 3"],
+    outline: Outline,
+    scales: list[float] | None = None,
+    side: tuple[float, float, float] = (0, 1, 0),
+    closed: bool = False,
+) -> Solid:
     """Returns an outline swept along a path [m].
 
     Args:
@@ -138,7 +146,9 @@ def extrude(outline: Outline, height: float, bevel: float = 0.0) -> Solid:
     """
     count = len(outline)
     shrink = 1.0 - bevel / np.linalg.norm(outline, axis=1).max()
-    levels = [(shrink, 0.0), (1.0, bevel), (1.0, height - bevel), (shrink, height)] if bevel else [(1.0, 0.0), (1.0, height)]
+    levels = (
+        [(shrink, 0.0), (1.0, bevel), (1.0, height - bevel), (shrink, height)] if bevel else [(1.0, 0.0), (1.0, height)]
+    )
     rings = [ring(outline, scale, z) for scale, z in levels]
     cap = np.array(cut_ears(outline))
     faces = np.concatenate([_side_faces(len(rings), count), cap[:, ::-1], cap + count * (len(rings) - 1)])
@@ -222,7 +232,7 @@ def _wall_levels(outer: list[Ring], inner: list[Ring], tolerance: float = 0.002)
     bottom = max(outer[0][0, 2], inner[0][0, 2])
     heights = [height for height in heights if height >= bottom - 1e-9]
     cuts = [heights[0]]
-    for candidate, following in zip(heights[1:-1], heights[2:], strict=True):
+    for candidate, following in pairwise(heights[1:]):
         if any(_bends(stack, cuts[-1], following, heights, tolerance) for stack in (outer, inner)):
             cuts.append(candidate)
     return [*cuts, heights[-1]]

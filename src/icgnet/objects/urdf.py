@@ -29,7 +29,7 @@ def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
         raise DataError(f"{path}: the link has no <visual> geometry")
     if not parts:
         raise DataError(f"{path}: the link has no <collision> geometry")
-    return ObjectModel(name, class_name, clean_surface(trimesh.util.concatenate(visuals), str(path)), tuple(parts))
+    return ObjectModel(name, class_name, clean_surface(_joined(visuals), str(path)), tuple(parts))
 
 
 def read_convex_groups(path: Path) -> list[trimesh.Trimesh]:
@@ -60,6 +60,12 @@ def read_convex_groups(path: Path) -> list[trimesh.Trimesh]:
     if not hulls:
         raise DataError(f"{path}: the mesh is empty (no faces)")
     return hulls
+
+
+def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return trimesh.Trimesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), process=False)
 
 
 def _only_link(path: Path) -> ElementTree.Element:

@@ -1,6 +1,9 @@
 """Whether an open hand reaches its grasp pose without touching anything, checked without any dynamics."""
 
-from typing import Sequence
+# The compiled modules of mujoco carry no types.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""A depth camera without OpenGL: rays against visual meshes, the table as a plane, and whose surface each pixel shows."""
+"""A depth camera without OpenGL: rays against visual meshes, the table as a plane, an object id for every pixel."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -93,9 +93,7 @@ class _Surface:
         self._scene = EmbreeScene()
         self._mesh = TriangleMesh(self._scene, self._triangles.astype(np.float32))
 
-    def sample(
-        self, count: int, rng: np.random.Generator
-    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    def sample(self, count: int, rng: np.random.Generator) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Points uniform on the surface [m] and the normals there."""
         faces = np.searchsorted(self._area_sums, rng.uniform(0.0, self._area_sums[-1], count), side="right")
         faces = np.minimum(faces, len(self._triangles) - 1)

@@ -1,5 +1,8 @@
 """The gripper in MuJoCo: a free-floating hand that follows a mocap body, and a swept hand for collision checks."""
 
+# The compiled modules of mujoco carry no types.
+# pyright: reportAttributeAccessIssue=false
+
 import mujoco
 
 from icgnet.grasping.gripper import Box, Gripper
@@ -85,7 +88,7 @@ def add_swept_hand(spec: mujoco.MjSpec, gripper: Gripper, name: str, approach: f
 
 
 # Swept hands see objects and table (whose masks stay 1 and 1), but not each other.
-SWEPT_MASK = {"contype": 1, "conaffinity": 0}
+SWEPT_MASK: dict[str, object] = {"contype": 1, "conaffinity": 0}
 
 
 def _swept(box: Box, approach: float) -> Box:

@@ -1,7 +1,10 @@
 """Physics settings, and the parts of a MuJoCo model that every world shares: table, drop box, objects."""
 
+# The compiled modules of mujoco carry no types.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Sequence
 
 import mujoco
 import numpy as np
@@ -110,6 +113,8 @@ def add_objects(spec: mujoco.MjSpec, bodies: Sequence[Body], physics: Physics, m
         )
         if movable:
             placed.add_freejoint()
+            # MuJoCo leaves gravity compensation out of models that begin without; `World` turns it on and off.
+            placed.gravcomp = 1.0
         volume = sum(abs(part.volume) for part in body.model.parts) * body.scale**3
         for number, part in enumerate(body.model.parts):
             mesh = spec.add_mesh(name=f"mesh_{index}_{number}")

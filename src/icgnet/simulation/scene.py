@@ -33,9 +33,7 @@ class Scene:
     objects: tuple[PlacedObject, ...]
 
 
-def scene_triangles(
-    scene: Scene, object_set: ObjectSet
-) -> tuple[Float[np.ndarray, "t 3 3"], Int[np.ndarray, "t"]]:
+def scene_triangles(scene: Scene, object_set: ObjectSet) -> tuple[Float[np.ndarray, "t 3 3"], Int[np.ndarray, "t"]]:
     """The triangles [m] of all visual meshes in the world frame, and the object index that owns each."""
     triangles = [world_mesh(placed, object_set).triangles for placed in scene.objects]
     owners = [np.full(len(own), index) for index, own in enumerate(triangles)]

@@ -42,7 +42,7 @@ def spawn_scene(
     split: Split,
     rng: np.random.Generator,
     count: int | None = None,
-    physics: Physics = Physics(),
+    physics: Physics | None = None,
 ) -> Scene:
     """A random scene at rest. It may hold fewer than `count` objects, even none.
 
@@ -52,13 +52,14 @@ def spawn_scene(
         split: "train", "val" or "test".
         rng: source of every draw.
         count: number of objects to try for; drawn by `draw_count` if None.
-        physics: engine settings.
+        physics: engine settings; the benchmark's if None.
 
     Raises:
         InputError: unknown kind or split, or the object set has nothing for them.
     """
     check_kind_and_split(kind, split)
     count = draw_count(rng) if count is None else count
+    physics = physics or Physics()
     names = object_set.names(kind, split)
     if not names:
         raise InputError(f"object set {object_set.name!r} has no objects for {kind} scenes in split {split!r}")
@@ -103,7 +104,7 @@ def _pack(draws: list[_Draw], count: int, physics: Physics) -> World:
         before = world.snapshot()
         vertices = transform_points(make_transform(draw.rotation, np.zeros(3)), draw.model.visual.vertices * draw.scale)
         height = TABLE_HEIGHT + PACKED_FALL - vertices[:, 2].min()
-        world.place(index, make_transform(draw.rotation, [*draw.xy, height]))
+        world.place(index, make_transform(draw.rotation, np.array([*draw.xy, height])))
         if world.touches_anything(index, PACKED_GAP):
             world.restore(before)
         else:
@@ -114,7 +115,7 @@ def _pack(draws: list[_Draw], count: int, physics: Physics) -> World:
 def _pile(draws: list[_Draw], physics: Physics) -> World:
     world = _empty_world(draws, physics, drop_box=True)
     for index, draw in enumerate(draws):
-        world.place(index, make_transform(draw.rotation, [*draw.xy, TABLE_HEIGHT + PILE_DROP]))
+        world.place(index, make_transform(draw.rotation, np.array([*draw.xy, TABLE_HEIGHT + PILE_DROP])))
         _wait_for_rest(world, timeout=1.0)
     world.remove_drop_box()
     _remove_outside(world)

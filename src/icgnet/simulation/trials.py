@@ -1,7 +1,7 @@
 """Grasp labels by simulated trials ("strict"): free approach, close, lift, and the named object must be held."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -95,7 +95,7 @@ class Trials:
         self._start_positions = self.world.object_positions()
         self._start_quaternions = self.world.object_quaternions()
 
-    def label(self, contacts: Contacts, rng: np.random.Generator, jitter: Jitter = Jitter()) -> Labels:
+    def label(self, contacts: Contacts, rng: np.random.Generator, jitter: Jitter) -> Labels:
         """Tries every contact at every approach angle.
 
         Where the object is hollow, every width that fits is tried, and the one that succeeds at most angles is kept.
@@ -107,7 +107,8 @@ class Trials:
         """
         shape = (len(contacts), ANGLES, 3)
         positions = contacts.positions[:, None] + rng.normal(scale=jitter.contact, size=shape)
-        normals = _tilt(contacts.normals[:, None], rng.normal(scale=jitter.normal, size=shape))
+        normals = np.repeat(contacts.normals[:, None], ANGLES, axis=1)
+        normals = _tilt(normals, rng.normal(scale=jitter.normal, size=shape))
         return Labels.concatenate(
             [
                 self._label_contact(int(target), positions[i], normals[i], contacts.widths[i])
@@ -149,10 +150,9 @@ class Trials:
     def run(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, target: int) -> Outcome:
         """Closes the hand at a pose that it has reached, lifts, and reports; the approach is not checked here."""
         world, hand = self.world, self.world.hand
-        assert hand is not None
         world.restore(self._start)
-        hand.place(world.data, T_world_grasp, opening)
-        hand.squeeze(world.data, self.gripper.finger_force)
+        hand.place(T_world_grasp, opening)
+        hand.squeeze(self.gripper.finger_force)
         self._close()
         if not self._holds(target):
             return Outcome(False, self._disturbs(target))
@@ -172,7 +172,7 @@ class Trials:
         world, block = self.world, 5
         for _ in range(self._steps(CLOSE_TIMEOUT) // block):
             world.step(block)
-            if world.hand.finger_speed(world.data) < CLOSED_SPEED:
+            if world.hand.finger_speed() < CLOSED_SPEED:
                 return
 
     def _lift(self, start: Float[np.ndarray, "3"], path: Float[np.ndarray, "3"], target: int) -> bool:
@@ -180,7 +180,7 @@ class Trials:
         steps = self._steps(LIFT_TIME)
         for step in range(1, steps + 1):
             progress = step / steps
-            self.world.hand.move_to(self.world.data, start + path * progress**2 * (3.0 - 2.0 * progress))
+            self.world.hand.move_to(start + path * progress**2 * (3.0 - 2.0 * progress))
             self.world.step()
             if step % 15 == 0 and not self._holds(target):
                 return False
@@ -189,7 +189,7 @@ class Trials:
     def _holds(self, target: int) -> bool:
         """Whether both fingers touch the object and are not closed on each other."""
         world = self.world
-        return world.hand.opening(world.data) > MIN_OPENING and world.is_held(target)
+        return world.hand.opening() > MIN_OPENING and world.is_held(target)
 
     def _disturbs(self, target: int) -> bool:
         """Whether any other object is not where it was before the trial."""
@@ -209,9 +209,7 @@ def retreat_vector(T_world_grasp: Float[np.ndarray, "4 4"]) -> Float[np.ndarray,
     return LIFT * np.array([0.0, 0.0, 1.0]) if is_from_side else -LIFT * approach
 
 
-def _tilt(
-    normals: Float[np.ndarray, "*n 3"], tilts: Float[np.ndarray, "*n 3"]
-) -> Float[np.ndarray, "*n 3"]:
+def _tilt(normals: Float[np.ndarray, "*n 3"], tilts: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     """Unit normals, turned a little: the tangential part of `tilts` [rad] is added to them."""
     tangent = tilts - (tilts * normals).sum(axis=-1, keepdims=True) * normals
     tilted = normals + tangent

@@ -1,7 +1,10 @@
 """A world of objects on a table with a free-floating hand: one compiled MuJoCo model, exact snapshots."""
 
+# The compiled modules of mujoco carry no types.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Sequence
 
 import mujoco
 import numpy as np
@@ -68,10 +71,20 @@ class World:
         self._object_of_geom = np.full(self.model.ngeom, -1)
         for index, geoms in enumerate(self._geoms):
             self._object_of_geom[geoms] = index
-        self._walls = np.array([self.model.geom(f"wall_{i}").id for i in range(4)], int) if drop_box else np.zeros(0, int)
+        self._walls = (
+            np.array([self.model.geom(f"wall_{i}").id for i in range(4)], int) if drop_box else np.zeros(0, int)
+        )
         self.has_drop_box = drop_box
-        self.hand = HandControl(self.model, gripper) if gripper is not None else None
+        self._hand = HandControl(self.model, self.data, gripper) if gripper is not None else None
+        for index in range(len(bodies)):
+            self._set_present(index, True)
         mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def hand(self) -> "HandControl":
+        """The hand, in a world that was made with a gripper."""
+        assert self._hand is not None, "this world has no gripper"
+        return self._hand
 
     def step(self, count: int = 1) -> None:
         """Advances time by `count` steps."""
@@ -85,12 +98,12 @@ class World:
         """Goes back to a snapshot; from there the same commands give the same motion bit for bit."""
         mujoco.mj_copyData(self.data, self.model, snapshot.data)
         for index in np.flatnonzero(self.present != snapshot.present):
-            self._set_present(index, bool(snapshot.present[index]))
+            self._set_present(int(index), bool(snapshot.present[index]))
         if self.has_drop_box != snapshot.has_drop_box:
             self._set_drop_box(snapshot.has_drop_box)
 
     def object_poses(self) -> Float[np.ndarray, "o 4 4"]:
-        """T_world_object of every object, parked ones included [m]."""
+        """T_world_object of every object after the last step, parked ones included [m]."""
         rotations = self.data.xmat[self._object_bodies].reshape(-1, 3, 3)
         return make_transform(rotations, self.data.xpos[self._object_bodies])
 
@@ -121,7 +134,7 @@ class World:
 
     def park(self, index: int) -> None:
         """Takes an object out of the world."""
-        self.place(index, make_transform(np.eye(3), [0.0, 0.0, 10.0 + index]))
+        self.place(index, make_transform(np.eye(3), np.array([0.0, 0.0, 10.0 + index])))
         self._set_present(index, False)
 
     def remove_drop_box(self) -> None:
@@ -139,7 +152,6 @@ class World:
 
     def is_held(self, index: int) -> bool:
         """Whether both fingers are in contact with an object."""
-        assert self.hand is not None
         pairs = self.data.contact.geom
         touching = pairs[(self._object_of_geom[pairs] == index).any(axis=1)]
         return bool((self.hand.finger_of_geom[touching].max(axis=1, initial=-1)[:, None] == [0, 1]).any(axis=0).all())
@@ -162,9 +174,8 @@ class World:
 class HandControl:
     """Addresses and commands of the hand in a world; see `icgnet.simulation.hand.add_hand`."""
 
-    def __init__(self, model: mujoco.MjModel, gripper: Gripper) -> None:
-        self.gripper = gripper
-        self._model = model
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, gripper: Gripper) -> None:
+        self._data = data
         hand = model.body("hand").id
         self._qpos = model.jnt_qposadr[model.body_jntadr[hand]]
         self._dof = model.body_dofadr[hand]
@@ -174,29 +185,29 @@ class HandControl:
         for number, (side, _) in enumerate(SIDES):
             self.finger_of_geom[model.geom_bodyid == model.body(f"finger_{side}").id] = number
 
-    def place(self, data: mujoco.MjData, T_world_grasp: Float[np.ndarray, "4 4"], opening: float) -> None:
+    def place(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float) -> None:
         """Puts the hand at a grasp pose [m] with this opening [m], at rest."""
         quaternion = matrix_to_quaternion(T_world_grasp[:3, :3])
-        data.qpos[self._qpos : self._qpos + 3] = data.mocap_pos[0] = T_world_grasp[:3, 3]
-        data.qpos[self._qpos + 3 : self._qpos + 7] = data.mocap_quat[0] = quaternion
-        data.qpos[self._slides] = opening / 2
-        data.qvel[self._dof : self._dof + 8] = 0.0
+        self._data.qpos[self._qpos : self._qpos + 3] = self._data.mocap_pos[0] = T_world_grasp[:3, 3]
+        self._data.qpos[self._qpos + 3 : self._qpos + 7] = self._data.mocap_quat[0] = quaternion
+        self._data.qpos[self._slides] = opening / 2
+        self._data.qvel[self._dof : self._dof + 8] = 0.0
 
-    def squeeze(self, data: mujoco.MjData, force: float) -> None:
+    def squeeze(self, force: float) -> None:
         """Lets each finger push inwards with this force [N]; negative opens."""
-        data.ctrl[:] = -force
+        self._data.ctrl[:] = -force
 
-    def move_to(self, data: mujoco.MjData, position: Float[np.ndarray, "3"]) -> None:
+    def move_to(self, position: Float[np.ndarray, "3"]) -> None:
         """Moves the hand's target to a position [m], keeping its orientation."""
-        data.mocap_pos[0] = position
+        self._data.mocap_pos[0] = position
 
-    def finger_speed(self, data: mujoco.MjData) -> float:
+    def finger_speed(self) -> float:
         """How fast the faster finger moves [m/s]."""
-        return float(np.abs(data.qvel[self._slide_dofs]).max())
+        return float(np.abs(self._data.qvel[self._slide_dofs]).max())
 
-    def opening(self, data: mujoco.MjData) -> float:
+    def opening(self) -> float:
         """The distance between the pads [m]."""
-        return float(data.qpos[self._slides].sum())
+        return float(self._data.qpos[self._slides].sum())
 
 
 def _copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:

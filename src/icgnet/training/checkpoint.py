@@ -2,6 +2,7 @@
 
 import copy
 import os
+import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -87,8 +88,8 @@ def load_checkpoint(
     """
     try:
         content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError, EOFError, ValueError) as error:
-        raise DataError(f"{path}: not a readable checkpoint ({error})") from error
+    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as error:
+        raise DataError(f"{path}: not a readable checkpoint ({type(error).__name__})") from error
     if content.get("format") != FORMAT:
         raise DataError(f"{path}: checkpoint of format {content.get('format')}, this version reads {FORMAT}")
     network.load_state_dict(content["network"])

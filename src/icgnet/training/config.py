@@ -100,7 +100,8 @@ class TrainingConfig:
         weight_decay: of AdamW.
         gradient_clip: largest norm of the gradient; 0 means no limit.
         average_decay: of the exponential moving average of the weights, which is validated and shipped.
-        precision: "bf16-mixed" computes the forward pass in bfloat16 where that is safe.
+        precision: "bf16-dense" computes the dense U-Net's forward pass in bfloat16, "bf16-mixed" all of it where that is
+            safe; the dense U-Net is where it pays, and nothing there depends on exact positions.
         threads: of the computation, in each process that trains.
         workers: processes that prepare samples; 0 prepares them in between the steps.
         log_seconds: time between two lines about training [s].
@@ -121,9 +122,9 @@ class TrainingConfig:
     final_learning_rate: float = 0.01
     warmup_steps: int = 100
     weight_decay: float = 0.01
-    gradient_clip: float = 1.0
+    gradient_clip: float = 3.0
     average_decay: float = 0.995
-    precision: Literal["32-true", "bf16-mixed"] = "32-true"
+    precision: Literal["32-true", "bf16-dense", "bf16-mixed"] = "bf16-dense"
     threads: int = 2
     workers: int = 1
     log_seconds: float = 20.0
@@ -184,27 +185,41 @@ TRAININGS = {
 """Presets: `tiny` for tests, `cpu` for two cores and an evening, `paper` as published (60 epochs of 13,500 scenes)."""
 
 CONFIG_FILE = "config.json"
-INDIFFERENT = ("training.threads", "training.workers", "training.log_seconds", "training.checkpoint_minutes")
-"""Settings that a resumed run may change: they change how fast it trains, not what it learns."""
+INDIFFERENT = (
+    "training.threads",
+    "training.workers",
+    "training.precision",
+    "training.log_seconds",
+    "training.checkpoint_minutes",
+    "data.scenes",
+    "data.validation_scenes",
+)
+"""What may change between the legs of a run: how fast it trains, how often it reports, and a data set that has grown."""
 
 
-def write_or_compare(out: Path, content: dict[str, Any]) -> None:
-    """Writes the configuration of a new run, or makes sure that an existing one is the same.
+def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
+    """Writes the configuration of a run, after making sure that a run which is already there has the same.
+
+    Returns:
+        What differs from the run that is there, among the settings that may: then the run goes on, but it is not the
+        one that a single leg would have given.
 
     Raises:
         DataError: the folder holds a run with other settings; the message names them.
     """
     path = out / CONFIG_FILE
     text = json.dumps(content, indent=1)
-    if not path.is_file():
-        out.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
-        return
-    before, now = _flatten(json.loads(path.read_text())), _flatten(json.loads(text))
-    keys = sorted(key for key in before.keys() | now.keys() if key not in INDIFFERENT)
-    differences = [f"{key}: {before.get(key)} there, {now.get(key)} now" for key in keys if before.get(key) != now.get(key)]
-    if differences:
-        raise DataError(f"{out} holds a run with other settings; {'; '.join(differences)}")
+    changes: dict[str, str] = {}
+    if path.is_file():
+        before, now = _flatten(json.loads(path.read_text())), _flatten(json.loads(text))
+        keys = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
+        changes = {key: f"{key}: {before.get(key)} there, {now.get(key)} now" for key in keys}
+        forbidden = [change for key, change in changes.items() if key not in INDIFFERENT]
+        if forbidden:
+            raise DataError(f"{out} holds a run with other settings; {'; '.join(forbidden)}")
+    out.mkdir(parents=True, exist_ok=True)
+    path.write_text(text + "\n")
+    return list(changes.values())
 
 
 def training_record(config: TrainingConfig, data: dict[str, Any]) -> dict[str, Any]:

@@ -63,7 +63,9 @@ def train(
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
     counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
     out = Path(out)
-    write_or_compare(out, training_record(config, {"folders": sorted(str(folder) for folder in data), **counts}))
+    record = training_record(config, {"folders": sorted(str(folder) for folder in data), **counts})
+    for change in write_or_compare(out, record):
+        report(f"going on with another setting: {change}")
     torch.set_num_threads(config.threads)
     report(f"loading the objects of {len(recipes)} scenes")
     object_sets = _load_object_sets(objects)
@@ -98,13 +100,17 @@ class Trainer:
         self, config: TrainingConfig, dataset: RecipeDataset, validation: list[Sample], out: Path, report: Report
     ) -> None:
         self.config, self.dataset, self.validation, self.out, self.report = config, dataset, validation, out, report
-        self.fabric = Fabric(devices="auto", accelerator="auto", precision=config.precision)
+        precision = "bf16-mixed" if config.precision == "bf16-mixed" else "32-true"
+        self.fabric = Fabric(devices="auto", accelerator="auto", precision=precision)
         self.fabric.launch()
         torch.manual_seed(config.seed)
         self.network = IcgNet(NETWORKS[config.network])
         self.average = WeightAverage(self.network, config.average_decay)
+        if config.precision == "bf16-dense":
+            autocast = torch.autocast(self.fabric.device.type, torch.bfloat16)
+            self.network.dense.forward = autocast(self.network.dense.forward)
         optimizer = torch.optim.AdamW(
-            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
         self.progress = Progress()
         if self.checkpoint_path.is_file():

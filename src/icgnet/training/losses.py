@@ -43,9 +43,9 @@ class LossWeights:
 
     class_: float = 2.0
     mask: float = 2.0
-    dice: float = 1.0
-    occupancy: float = 2.0
-    grasp: float = 5.0
+    dice: float = 2.0
+    occupancy: float = 4.0
+    grasp: float = 8.0
     contact: float = 1.0
     width: float = 0.5
     scene_occupancy: float = 0.0

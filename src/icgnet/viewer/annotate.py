@@ -14,7 +14,10 @@ EDGE = 8
 """Free border [pixels] around text."""
 
 Colour = tuple[float, float, float]
-Rectangle = tuple[float, float, float, float]
+Length = int | float
+"""Of a distance or coordinate in a picture [pixels]."""
+Pixel = tuple[Length, Length]
+Rectangle = tuple[Length, Length, Length, Length]
 
 
 @dataclass(frozen=True)
@@ -22,13 +25,11 @@ class Label:
     """A name at a pixel of the picture, with the colour of the thing it names."""
 
     text: str
-    pixel: tuple[float, float]
+    pixel: Pixel
     colour: Colour
 
 
-def write(
-    image: Image.Image, text: str, corner: tuple[float, float], size: int, colour: Colour = INK, bold: bool = False
-) -> None:
+def write(image: Image.Image, text: str, corner: Pixel, size: int, colour: Colour = INK, bold: bool = False) -> None:
     """Writes one line with its upper left corner at a pixel, shortened to what fits into the picture."""
     pen = ImageDraw.Draw(image)
     font = _font(size)
@@ -41,7 +42,7 @@ def text_width(text: str, size: int) -> float:
     return _font(size).getlength(text)
 
 
-def shorten(text: str, size: int, width: float) -> str:
+def shorten(text: str, size: int, width: Length) -> str:
     """The text on one line, with an ellipsis where it is too long for `width` [pixels]."""
     line = text.replace("\n", " ")
     if text_width(line, size) <= width:
@@ -65,7 +66,7 @@ def write_labels(image: Image.Image, labels: list[Label]) -> None:
         _draw_label(pen, label, text, box)
 
 
-def draw_score_scale(image: Image.Image, right: float, middle: float, caption: str, width: int = 180) -> None:
+def draw_score_scale(image: Image.Image, right: Length, middle: Length, caption: str, width: int = 180) -> None:
     """A caption and a bar from 0 to 1 in the colours of the hands, with its right end at a pixel."""
     pen = ImageDraw.Draw(image)
     height, size = 12, 18
@@ -85,7 +86,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
     return font
 
 
-def _free_place(image: Image.Image, text: str, pixel: tuple[float, float], taken: list[Rectangle]) -> Rectangle:
+def _free_place(image: Image.Image, text: str, pixel: Pixel, taken: list[Rectangle]) -> Rectangle:
     width, height = text_width(text, LABEL_SIZE) + 20, LABEL_SIZE + 11
     left = float(np.clip(pixel[0] - width / 2, EDGE, max(EDGE, image.width - width - EDGE)))
     top = pixel[1] - LABEL_LIFT - height

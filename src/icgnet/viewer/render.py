@@ -146,7 +146,8 @@ class _Caster:
         strength = _strength(points, table)
         row, column = np.nonzero(strength)
         near = points[row, column]
-        footprint = _length(near - self.eye) * _length(rays[0, 0] - rays[0, 1])
+        offset = near - self.eye
+        footprint = np.sqrt(np.einsum("rd,rd->r", offset, offset)) * np.linalg.norm(rays[0, 0] - rays[0, 1])
         bright = np.ones(rays.shape[:2], np.float32)
         bright[row, column] = (TABLE_COLOUR - GRID_DARKNESS * _grid(near, footprint)) ** 2.2
         lit = np.ones(rays.shape[:2], np.float32)
@@ -254,9 +255,5 @@ class _Hits:
         return _Hits(self.rays[which], self.triangle[which], self.distance[which], self.u[which], self.v[which])
 
 
-def _length(vectors: Float[np.ndarray, "*r 3"]) -> Float[np.ndarray, "*r"]:
-    return np.sqrt(np.einsum("...d,...d->...", vectors, vectors))
-
-
 def _unit(vectors: Float[np.ndarray, "*r 3"]) -> Float[np.ndarray, "*r 3"]:
-    return vectors / _length(vectors)[..., None]
+    return vectors / np.sqrt(np.einsum("...d,...d->...", vectors, vectors))[..., None]

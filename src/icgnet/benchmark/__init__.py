@@ -1,0 +1,1 @@
+"""Simulated captures, and one file per number that we report."""

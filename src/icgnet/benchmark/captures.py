@@ -1,0 +1,89 @@
+"""Depth captures of simulated scenes with their truth, for demos, examples and tests on objects not trained on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
+from icgnet.geometry.workspace import CENTRE
+from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.simulation.camera import SceneRenderer
+from icgnet.simulation.scene import Scene, scene_triangles
+from icgnet.simulation.scenes import spawn_scene
+from icgnet.training.noise import SensorNoise, corrupt_depth
+
+CAPTURE_NOISE = SensorNoise(
+    field_probability=1.0,
+    field=0.002,
+    quantisation_probability=1.0,
+    disparity_step=0.1,
+    flying_probability=1.0,
+    holes_probability=1.0,
+)
+"""What a good stereo camera at arm's length does to a depth image."""
+DEPTH_STEP = 1e-4
+"""Depths are stored in steps of this [m], far below the noise; they compress better so."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedCapture:
+    """A depth image of a simulated scene, and what is in it.
+
+    Attributes:
+        depth: along the camera's z axis [m], 0 where nothing was measured.
+        intrinsics: camera matrix [pixels].
+        camera_pose: T_world_camera; the table is at `TABLE_HEIGHT` in the world.
+        ids: index of the object at each pixel, -1 for nothing, -2 for the table.
+        classes: class of each object.
+        scene: the objects and their poses.
+    """
+
+    depth: Float[np.ndarray, "h w"]
+    intrinsics: Float[np.ndarray, "3 3"]
+    camera_pose: Float[np.ndarray, "4 4"]
+    ids: Int[np.ndarray, "h w"]
+    classes: tuple[str, ...]
+    scene: Scene
+
+    def save(self, path: Path) -> None:
+        """Writes an npz that `icgnet predict` reads: depth, K, camera_pose, and the truth as ids and classes."""
+        np.savez_compressed(
+            path,
+            depth=(np.round(self.depth / DEPTH_STEP) * DEPTH_STEP).astype(np.float32),
+            K=self.intrinsics,
+            camera_pose=self.camera_pose,
+            ids=self.ids.astype(np.int8),
+            classes=np.array(self.classes),
+        )
+
+
+def simulate_capture(
+    kind: Kind,
+    object_set: ObjectSet,
+    split: Split,
+    rng: np.random.Generator,
+    objects: int = 5,
+    polar_deg: tuple[float, float] = (35.0, 50.0),
+    noise: SensorNoise = CAPTURE_NOISE,
+) -> SimulatedCapture:
+    """A capture of a random scene by a noisy camera at arm's length.
+
+    Args:
+        kind: "packed" or "pile".
+        object_set: where the objects come from.
+        split: which of its objects.
+        rng: source of every draw.
+        objects: how many to try to place.
+        polar_deg: least and largest angle of the camera from the vertical [degrees].
+        noise: of the sensor.
+    """
+    scene = spawn_scene(kind, object_set, split, rng, objects)
+    target = np.array([CENTRE[0], CENTRE[1], 0.10])
+    polar, azimuth = np.deg2rad(rng.uniform(*polar_deg)), rng.uniform(0.0, 2.0 * np.pi)
+    camera_pose = sphere_pose(target, rng.uniform(0.55, 0.65), polar, azimuth)
+    image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, camera_pose)
+    depth, _ = corrupt_depth(image.depth.astype(np.float64), DEFAULT_INTRINSICS[0, 0], noise, rng)
+    classes = tuple(object_set.class_name(placed.name) for placed in scene.objects)
+    return SimulatedCapture(depth, DEFAULT_INTRINSICS, camera_pose, image.ids, classes, scene)

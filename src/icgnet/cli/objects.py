@@ -1,0 +1,45 @@
+"""`icgnet objects check`: what is wrong with the files of an object set."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from icgnet.errors import DataError
+
+
+@dataclass(frozen=True)
+class Objects:
+    """Check a folder of URDFs or meshes: `icgnet objects check DIR`."""
+
+    action: tyro.conf.Positional[Literal["check"]]
+    """What to do."""
+    directory: tyro.conf.Positional[Path]
+    """Folder of URDFs (VGN layout) or meshes."""
+    units: Literal["m", "mm"] | None = None
+    """Units of a folder of meshes whose objects.yaml does not name them."""
+
+    def run(self) -> None:
+        """Prints a row for every file that is not in order, and how many are.
+
+        Raises:
+            DataError: some objects cannot be used.
+        """
+        from icgnet.objects.check import check_objects
+
+        reports = check_objects(self.directory, self.units)
+        console = Console()
+        table = Table("object", "status", "problems")
+        for report in reports:
+            if report.status != "ok":
+                table.add_row(report.name, report.status, "; ".join(report.problems))
+        if table.row_count:
+            console.print(table)
+        counts = Counter(report.status for report in reports)
+        console.print(f"{len(reports)} objects: {counts['ok']} ok, {counts['warning']} doubtful")
+        if counts["broken"]:
+            raise DataError(f"{counts['broken']} of {len(reports)} objects in {self.directory} cannot be used")

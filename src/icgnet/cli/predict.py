@@ -1,0 +1,123 @@
+"""`icgnet predict`: objects, shapes and grasps from a file."""
+
+import json
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+
+from icgnet.cli.report import print_tables, with_meshes, write_folder
+from icgnet.errors import InputError
+from icgnet.grasp_search import GraspSearch
+from icgnet.objects.classes import class_index
+from icgnet.output_folder import check_replaceable
+
+if TYPE_CHECKING:
+    from icgnet.prediction import Prediction
+    from icgnet.predictor import Predictor
+
+DEFAULT_OUT = Path("prediction")
+STDOUT = "-"
+
+
+@dataclass(frozen=True)
+class Predict:
+    """Find objects and grasps in a depth image or a cloud.
+
+    INPUT is a depth image (png, tif, npy) with --intrinsics, an npz with `depth` and `K`, or a cloud (ply, npy, npz,
+    xyz). Without a camera pose or a table height the table is found, and results are in the camera's frame.
+    """
+
+    input: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="INPUT")]
+    """Depth image or cloud."""
+    out: Path | None = None
+    """Folder for result.json, grasps.npz, meshes and picture.png ('prediction' unless --json is given)."""
+    json: str | None = None
+    """File for the JSON result; '-' prints it, and nothing else, to stdout."""
+    intrinsics: tuple[str, ...] = ()
+    """fx fy cx cy [pixels], or a JSON, YAML, npz or mat file with the camera matrix."""
+    depth_scale: float = 1.0
+    """Depth units per metre: 1000 for millimetres."""
+    camera_pose: tuple[str, ...] = ()
+    """File with the 4x4 matrix T_world_camera (OpenCV axes, world z up), or its 16 numbers row by row."""
+    viewpoint: tuple[float, float, float] | None = None
+    """Where the camera stood, in the frame of the cloud [m]."""
+    table_height: float | None = None
+    """Height of the table plane in the world [m]; found in the input if not given."""
+    mask: Path | None = None
+    """Image of the size of the depth image: objects are looked for where it is not 0."""
+    object_class: str | None = None
+    """Grasps of objects of this class only."""
+    instance: int | None = None
+    """Grasps of this object only."""
+    region: tuple[float, float, float, float, float, float] | None = None
+    """Grasps in this box only: x y z of its lower, then of its upper corner [m]."""
+    weights: Path | None = None
+    """Weights file; the one that ships with the package if not given."""
+    gripper: str = "franka"
+    """Name of a gripper or a gripper file."""
+    threads: int | None = None
+    """CPU threads."""
+    seed: int = 0
+    """Of everything that is drawn."""
+    overwrite: bool = False
+    """Replace the output folder even if it is no earlier prediction."""
+    search: Annotated[GraspSearch, tyro.conf.arg(name="")] = field(default_factory=GraspSearch)
+
+    def run(self) -> None:
+        """Predicts, writes and reports.
+
+        Raises:
+            IcgnetError: for everything that the caller can mend.
+        """
+        out = self.out or (None if self.json else DEFAULT_OUT)
+        if self.object_class is not None:
+            class_index(self.object_class)
+        if out is not None:
+            check_replaceable(out, "result.json", self.overwrite)
+        result = with_meshes(self._choose(self._predict()))
+        if out is not None:
+            write_folder(result, out, self.overwrite, self.input.name)
+        self._report(result, out)
+
+    def _predict(self) -> "Prediction":
+        from icgnet.capture import DepthCapture, read_capture, read_mask
+        from icgnet.predictor import Predictor
+
+        capture = read_capture(self.input, self.intrinsics, self.depth_scale, self.camera_pose, self.viewpoint)
+        mask = None if self.mask is None else read_mask(self.mask)
+        predictor: Predictor = Predictor.load(self.weights, self.threads, self.gripper, self.seed, self.search)
+        if isinstance(capture, DepthCapture):
+            return predictor.predict_depth(
+                capture.depth, capture.intrinsics, capture.camera_pose, self.table_height, mask
+            )
+        if mask is not None:
+            raise InputError(f"{self.input} is a cloud: --mask is for depth images")
+        return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height)
+
+    def _choose(self, result: "Prediction") -> "Prediction":
+        """The prediction with the grasps that were asked for."""
+        if self.object_class is not None:
+            result = result.of_class(self.object_class)
+        if self.instance is not None:
+            result = result.of_instance(self.instance)
+        if self.region is not None:
+            import numpy as np
+
+            result = result.in_region(np.array(self.region[:3]), np.array(self.region[3:]))
+        return result
+
+    def _report(self, result: "Prediction", out: Path | None) -> None:
+        if self.json is not None:
+            text = json.dumps(result.to_dict(), indent=1)
+            if self.json == STDOUT:
+                sys.stdout.write(text + "\n")
+                return
+            Path(self.json).write_text(text + "\n")
+        console = Console()
+        print_tables(result, console)
+        if out is not None:
+            console.print(f"written to {out}; look at {out / 'picture.png'}, or run: icgnet view {out}", soft_wrap=True)

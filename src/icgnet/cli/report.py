@@ -1,0 +1,79 @@
+"""What the command line says about a prediction, and the folder that it writes."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from icgnet.output_folder import output_folder
+
+if TYPE_CHECKING:
+    from icgnet.prediction import Prediction
+
+MOST_GRASPS = 10
+
+
+def with_meshes(prediction: "Prediction") -> "Prediction":
+    """The prediction with all meshes extracted, and the time that it took."""
+    start = time.perf_counter()
+    for item in prediction.objects:
+        item.mesh()
+    timings = {**prediction.timings_ms, "meshes": 1e3 * (time.perf_counter() - start)}
+    return replace(prediction, timings_ms=timings)
+
+
+def write_folder(prediction: "Prediction", out: Path, overwrite: bool, title: str) -> None:
+    """Writes the files of a prediction and its picture into a folder that appears whole or not at all."""
+    from icgnet.prediction import PICTURE_FILE, RESULT_FILE
+    from icgnet.viewer.picture import draw_prediction
+
+    with output_folder(out, RESULT_FILE, overwrite) as folder:
+        prediction.write(folder)
+        draw_prediction(prediction, folder / PICTURE_FILE, title)
+
+
+def print_tables(prediction: "Prediction", console: Console) -> None:
+    """Prints the objects, the best grasps, what was rejected and how long it took."""
+    console.print(_object_table(prediction))
+    console.print(_grasp_table(prediction))
+    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in prediction.rejected.items() if count)
+    console.print(f"rejected: {rejected or 'none'}")
+    timings = ", ".join(f"{stage} {duration:.0f}" for stage, duration in prediction.timings_ms.items())
+    console.print(f"timings [ms]: {timings}", markup=False)
+
+
+def _object_table(prediction: "Prediction") -> Table:
+    table = Table(title=f"{len(prediction.objects)} objects")
+    for column in ("id", "class", "probability", "points", "size [cm]", "grasps", "best score"):
+        table.add_column(column, justify="left" if column in ("class", "size [cm]") else "right")
+    grasps = prediction.grasps
+    for item in prediction.objects:
+        own = grasps.scores[grasps.instances == item.instance_id]
+        mesh = item.mesh()
+        size = "-" if mesh.is_empty else " x ".join(f"{100 * edge:.1f}" for edge in mesh.extents)
+        best = f"{own.max():.2f}" if len(own) else "-"
+        row = (item.instance_id, item.class_name, f"{item.class_score:.2f}", len(item.points), size, len(own), best)
+        table.add_row(*map(str, row))
+    return table
+
+
+def _grasp_table(prediction: "Prediction") -> Table:
+    grasps = prediction.grasps
+    shown = f", the best {MOST_GRASPS}" if len(grasps) > MOST_GRASPS else ""
+    table = Table(title=f"{len(grasps)} grasps in the frame {prediction.frame_id!r}{shown}")
+    for column in ("score", "object", "width [mm]", "position x y z [m]", "approach x y z"):
+        table.add_column(column, justify="left" if column == "object" else "right")
+    for pose, width, score, instance in list(
+        zip(grasps.poses, grasps.widths, grasps.scores, grasps.instances, strict=True)
+    )[:MOST_GRASPS]:
+        name = f"{instance} {prediction.class_of(int(instance))}"
+        table.add_row(f"{score:.2f}", name, f"{1e3 * width:.0f}", _vector(pose[:3, 3], 3), _vector(pose[:3, 2], 2))
+    return table
+
+
+def _vector(values: np.ndarray, digits: int) -> str:
+    return " ".join(f"{value:.{digits}f}" for value in values)

@@ -1,0 +1,64 @@
+"""`icgnet train`: weights from labelled scenes."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from icgnet.errors import InputError
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a network on generated scenes. Run it again with the same settings to go on after an interruption."""
+
+    preset: tyro.conf.Positional[Literal["tiny", "cpu", "paper"]]
+    """Settings of the run: see the config.json that it writes."""
+    data: tuple[Path, ...]
+    """Folders that `icgnet generate` wrote; those of split val are validated on."""
+    out: Path
+    """Folder of the run: config.json, metrics.jsonl, checkpoint.pt and the weights."""
+    objects: tuple[str, ...] = ("procedural",)
+    """The object sets that the scenes were made of."""
+    minutes: float | None = None
+    """Training time in place of the preset's [min]."""
+    steps: int | None = None
+    """Optimiser steps in place of the preset's."""
+    batch: int | None = None
+    """Scenes per step in place of the preset's."""
+    threads: int | None = None
+    """CPU threads in place of the preset's."""
+    workers: int | None = None
+    """Processes that prepare samples, in place of the preset's."""
+    seed: int = 0
+    """Of the first weights and of every draw."""
+
+    def run(self) -> None:
+        """Trains, with a line of text now and then.
+
+        Raises:
+            IcgnetError: no usable scenes, settings out of range, or a run with other settings in `out`.
+        """
+        if self.minutes is not None and self.steps is not None:
+            raise InputError(f"give --minutes or --steps, not both (got {self.minutes:g} and {self.steps})")
+        from icgnet.training.config import TRAININGS
+        from icgnet.training.loop import train
+
+        given = {name: getattr(self, name) for name in ("batch", "threads", "workers")}
+        changes = {name: value for name, value in given.items() if value is not None}
+        if self.minutes is not None or self.steps is not None:
+            changes |= {"minutes": self.minutes, "steps": self.steps}
+        config = replace(TRAININGS[self.preset], seed=self.seed, **changes)
+        console = Console()
+
+        def say(line: str) -> None:
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+        metrics = train(config, self.data, self.out, self.objects, report=say)
+        table = Table("metric", "value", title=f"validation of {self.out}")
+        for name, value in metrics.items():
+            table.add_row(name, f"{value:.4g}")
+        console.print(table)

@@ -1,0 +1,38 @@
+"""Settings of the search for grasps."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from icgnet.errors import InputError
+
+
+@dataclass(frozen=True)
+class GraspSearch:
+    """How grasps are looked for."""
+
+    contacts: int = 512
+    """Contact points that are scored for each window of 0.3 m, shared among its objects."""
+    min_score: float = 0.1
+    """Candidates with a lower score are dropped."""
+    per_object: int = 16
+    """Collision-free grasps after which an object has enough."""
+    max_checked: int = 2048
+    """Candidates that are checked for collision at most."""
+    width_from: Literal["network", "shape"] = "network"
+    """Whether the object's width comes from the network or from a ray through the predicted shape."""
+    resample: bool = True
+    """Score points of the predicted surfaces, too, when the seen points give too few good grasps."""
+    few: int = 5
+    """Fewer good grasps than this are too few."""
+    good_score: float = 0.5
+    """A grasp is good from this score on."""
+
+    def __post_init__(self) -> None:
+        for name in ("contacts", "per_object", "max_checked"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name in ("min_score", "good_score"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"{name} must be a probability between 0 and 1, got {getattr(self, name)}")
+        if self.width_from not in ("network", "shape"):
+            raise InputError(f"width_from must be 'network' or 'shape', got {self.width_from!r}")

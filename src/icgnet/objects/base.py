@@ -1,0 +1,137 @@
+"""What every object set can do: list names by scene kind and split, load models and distance grids."""
+
+import os
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Literal
+
+from icgnet.errors import InputError
+from icgnet.geometry.signed_distance import SignedDistanceGrid
+from icgnet.objects.model import ObjectModel
+
+Kind = Literal["packed", "pile"]
+Split = Literal["train", "val", "test"]
+
+KINDS: tuple[Kind, ...] = ("packed", "pile")
+SPLITS: tuple[Split, ...] = ("train", "val", "test")
+
+_GRIDS_IN_MEMORY = 512
+
+
+def cache_directory() -> Path:
+    """Returns the folder for derived data: `$ICGNET_CACHE`, or `~/.cache/icgnet`."""
+    return Path(os.environ.get("ICGNET_CACHE") or Path.home() / ".cache" / "icgnet")
+
+
+class ObjectSet(ABC):
+    """Named objects by scene kind and split; models and distance grids are loaded when asked for, and kept."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._models: dict[str, ObjectModel] = {}
+        self._grids: OrderedDict[str, SignedDistanceGrid] = OrderedDict()
+
+    @abstractmethod
+    def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
+        """Returns the sorted keys of the objects for scenes of `kind` in `split`.
+
+        Raises:
+            InputError: unknown kind or split.
+        """
+
+    @abstractmethod
+    def class_name(self, key: str) -> str:
+        """Returns an object's class without loading it.
+
+        Raises:
+            InputError: there is no such object.
+        """
+
+    @abstractmethod
+    def _load(self, key: str) -> ObjectModel:
+        """Returns the model of a key that exists."""
+
+    def keys(self) -> tuple[str, ...]:
+        """Returns all keys, sorted."""
+        return tuple(sorted({key for kind in KINDS for split in SPLITS for key in self.names(kind, split)}))
+
+    def model(self, key: str) -> ObjectModel:
+        """Returns an object's meshes at scale 1.
+
+        Raises:
+            InputError: there is no such object.
+            DataError: its files are broken.
+        """
+        if key not in self._models:
+            self.class_name(key)
+            self._models[key] = self._load(key)
+        return self._models[key]
+
+    def signed_distance(self, key: str) -> SignedDistanceGrid:
+        """Returns an object's signed-distance grid at scale 1, built once and then read from the cache folder."""
+        if key not in self._grids:
+            self._grids[key] = self.model(key).signed_distance(cache_directory() / "signed_distance")
+            if len(self._grids) > _GRIDS_IN_MEMORY:
+                self._grids.popitem(last=False)
+        self._grids.move_to_end(key)
+        return self._grids[key]
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leaves what was loaded behind: a worker process reads what it needs itself."""
+        return self.__dict__ | {"_models": {}, "_grids": OrderedDict()}
+
+
+@dataclass(frozen=True)
+class ObjectFile:
+    """An object of a set that is read from files."""
+
+    path: Path
+    class_name: str
+    kinds: tuple[Kind, ...]
+    split: Split
+
+
+class FileObjectSet(ObjectSet):
+    """An object set whose objects are listed beforehand, each with its file."""
+
+    def __init__(self, name: str, files: dict[str, ObjectFile]) -> None:
+        super().__init__(name)
+        self._files = files
+
+    def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
+        """Returns the sorted keys of the objects for scenes of `kind` in `split`."""
+        check_kind_and_split(kind, split)
+        return tuple(sorted(key for key, file in self._files.items() if kind in file.kinds and file.split == split))
+
+    def class_name(self, key: str) -> str:
+        """Returns an object's class without loading it."""
+        return self.file(key).class_name
+
+    def file(self, key: str) -> ObjectFile:
+        """Returns where an object comes from.
+
+        Raises:
+            InputError: there is no such object.
+        """
+        if key not in self._files:
+            raise unknown_object(self.name, key, self._files)
+        return self._files[key]
+
+
+def check_kind_and_split(kind: str, split: str) -> None:
+    """Raises InputError unless both are known."""
+    if kind not in KINDS:
+        raise InputError(f"unknown scene kind {kind!r}; the kinds are {', '.join(KINDS)}")
+    if split not in SPLITS:
+        raise InputError(f"unknown split {split!r}; the splits are {', '.join(SPLITS)}")
+
+
+def unknown_object(set_name: str, key: str, known: Iterable[str]) -> InputError:
+    """Returns the error for a key that a set does not have, with the keys most like it."""
+    similar = get_close_matches(key, list(known), n=3)
+    hint = f"; did you mean {' or '.join(similar)}?" if similar else ""
+    return InputError(f"object set {set_name!r} has no object {key!r}{hint}")

@@ -1,0 +1,67 @@
+"""Convex pieces of meshes that come without them."""
+
+import os
+import tempfile
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from icgnet.geometry.signed_distance import surface_hash
+from icgnet.objects.model import convex_hull
+
+CONCAVITY = 0.05
+"""How far a piece may dip below its hull, CoACD's measure: smaller gives more and truer pieces."""
+
+
+def decompose(mesh: trimesh.Trimesh, cache: Path) -> tuple[trimesh.Trimesh, ...]:
+    """Returns convex pieces that together stand for a mesh, from the folder `cache` if they were made before.
+
+    Uses CoACD; where it is not installed (`pip install icgnet[decompose]`) the single convex hull, with a warning:
+    hollows are then closed for the physics.
+    """
+    if mesh.is_convex:
+        return (convex_hull(mesh.vertices),)
+    path = cache / f"{surface_hash(mesh, f'coacd {CONCAVITY}')}.npz"
+    pieces = _read_pieces(path)
+    if pieces is None:
+        pieces = _run_coacd(mesh)
+        if pieces is None:
+            return (convex_hull(mesh.vertices),)
+        _write_pieces(path, pieces)
+    return tuple(convex_hull(piece) for piece in pieces)
+
+
+def _run_coacd(mesh: trimesh.Trimesh) -> list[Float[np.ndarray, "_ 3"]] | None:
+    try:
+        import coacd
+    except ImportError:
+        warnings.warn(
+            "CoACD is not installed (pip install 'icgnet[decompose]'): the physics sees the convex hull of a mesh, "
+            "so that hollows and handles are closed",
+            stacklevel=2,
+        )
+        return None
+    coacd.set_log_level("error")
+    pieces = coacd.run_coacd(coacd.Mesh(mesh.vertices, mesh.faces), threshold=CONCAVITY, max_convex_hull=48)
+    return [np.asarray(vertices, np.float64) for vertices, _ in pieces]
+
+
+def _read_pieces(path: Path) -> list[Float[np.ndarray, "_ 3"]] | None:
+    """Returns stored pieces; None when there are none or the file is damaged."""
+    try:
+        with np.load(path) as arrays:
+            return np.split(arrays["points"], np.cumsum(arrays["counts"])[:-1])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _write_pieces(path: Path, pieces: list[Float[np.ndarray, "_ 3"]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
+    with os.fdopen(handle, "wb") as file:
+        np.savez_compressed(file, points=np.concatenate(pieces), counts=[len(piece) for piece in pieces])
+    os.replace(partial, path)

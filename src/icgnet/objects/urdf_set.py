@@ -1,0 +1,66 @@
+"""Object sets in the VGN layout: `packed/{train,test}` and `pile/{train,test}` with URDF files."""
+
+from pathlib import Path
+
+from icgnet.errors import DataError
+from icgnet.objects.base import KINDS, FileObjectSet, Kind, ObjectFile, Split
+from icgnet.objects.classes import VGN_CLASSES, VGN_VAL, read_classes
+from icgnet.objects.model import ObjectModel
+from icgnet.objects.urdf import read_urdf_object
+
+
+class UrdfObjectSet(FileObjectSet):
+    """Objects in the VGN layout: `packed/{train,test}/*.urdf` and `pile/{train,test}/*.urdf`, keys "pile/name".
+
+    Classes come from `classes.json` in the folder and held-out names from `val.txt`; for the VGN objects
+    themselves both ship with this package. Objects without a class are "other".
+
+    Raises:
+        DataError: no URDFs, broken lists, or a name that is in train and in test.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        paths = urdf_paths(directory)
+        if not paths:
+            raise DataError(f"{directory}: no packed/{{train,test}}/*.urdf or pile/{{train,test}}/*.urdf found")
+        vgn_classes = read_classes(VGN_CLASSES)
+        is_vgn = {path.stem for path in paths} <= vgn_classes.keys()
+        classes = _classes(directory, vgn_classes if is_vgn else {})
+        held_out = _held_out(directory, is_vgn)
+        files: dict[str, ObjectFile] = {}
+        for path in paths:
+            kind: Kind = "packed" if path.parent.parent.name == "packed" else "pile"
+            split: Split = "test" if path.parent.name == "test" else "val" if path.stem in held_out else "train"
+            key = f"{kind}/{path.stem}"
+            if key in files:
+                raise DataError(f"{directory}: {key} is in train and in test")
+            files[key] = ObjectFile(path, classes.get(path.stem, "other"), (kind,), split)
+        super().__init__("vgn" if is_vgn else directory.resolve().name, files)
+
+    def _load(self, key: str) -> ObjectModel:
+        file = self.file(key)
+        return read_urdf_object(file.path, key, file.class_name)
+
+
+def urdf_paths(directory: Path) -> list[Path]:
+    """Returns the URDF files of a folder in the VGN layout, sorted."""
+    return sorted(
+        path for kind in KINDS for split in ("train", "test") for path in directory.glob(f"{kind}/{split}/*.urdf")
+    )
+
+
+def _classes(directory: Path, default: dict[str, str]) -> dict[str, str]:
+    path = directory / "classes.json"
+    return read_classes(path) if path.is_file() else default
+
+
+def _held_out(directory: Path, is_vgn: bool) -> set[str]:
+    path = directory / "val.txt"
+    if path.is_file():
+        return set(path.read_text().split())
+    return set(VGN_VAL.read_text().split()) if is_vgn else set()
+
+
+def is_vgn_layout(directory: Path) -> bool:
+    """Returns whether a folder has the subfolders of the VGN layout."""
+    return any((directory / kind).is_dir() for kind in KINDS)

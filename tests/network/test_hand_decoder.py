@@ -1,0 +1,45 @@
+import numpy as np
+import torch
+
+from icgnet.grasping.frame import APPROACH_ANGLES, grasp_rotations
+from icgnet.network.config import NETWORKS, HandConfig
+from icgnet.network.hand_decoder import control_points, hand_frames, table_clearance
+
+
+def random_normals(count: int = 20) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(0)
+    normals = torch.nn.functional.normalize(torch.randn(count, 3, generator=generator), dim=1)
+    return torch.cat([normals, torch.tensor([[0.0, 0, 1], [0, 0, -1], [0.1, 0, 0.995]])])
+
+
+def test_hand_frames_are_the_grasp_frames():
+    normals = torch.nn.functional.normalize(random_normals().double(), dim=1)
+    frames = hand_frames(normals, len(APPROACH_ANGLES))
+    np.testing.assert_allclose(frames.numpy(), grasp_rotations(normals.numpy()), atol=1e-9)
+    assert all(config.approach_angles == len(APPROACH_ANGLES) for config in NETWORKS.values())
+
+
+def test_control_points_turn_with_the_scene():
+    normals = random_normals()[:20]
+    angle = torch.tensor(0.7)
+    yaw = torch.tensor([[angle.cos(), -angle.sin(), 0], [angle.sin(), angle.cos(), 0], [0, 0, 1.0]])
+    points = hand_frames(normals, 12) @ control_points(HandConfig()).t()
+    turned = hand_frames(normals @ yaw.t(), 12) @ control_points(HandConfig()).t()
+    torch.testing.assert_close(turned, yaw @ points, atol=1e-6, rtol=0)
+
+
+def test_approach_is_from_above_in_the_middle_of_the_angles_at_a_wall():
+    frames = hand_frames(torch.tensor([[1.0, 0, 0]]), 3)
+    torch.testing.assert_close(frames[0, 1, :, 2], torch.tensor([0.0, 0, -1]))
+
+
+def test_control_points_are_all_combinations_in_the_order_sideways_normal_approach():
+    hand = HandConfig(normal=(0.02, -0.1), approach=(-0.07,), sideways=(0.012,))
+    torch.testing.assert_close(control_points(hand), torch.tensor([[0.012, 0.02, -0.07], [0.012, -0.1, -0.07]]))
+    assert hand.points == 2
+    assert len(control_points(HandConfig())) == HandConfig().points == 56
+
+
+def test_clearance_is_measured_from_the_table_in_units_of_two_centimetres():
+    points = torch.tensor([[[0.1, 0.1, 0.07], [0.0, 0.0, 0.2]], [[0, 0, 0.0], [0, 0, 0.3]]])
+    torch.testing.assert_close(table_clearance(points), torch.tensor([1.0, -2.0]))

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+import torch
+
+from icgnet.errors import InputError
+from icgnet.network.config import NETWORKS
+from icgnet.network.inputs import make_scene_input
+
+
+def test_every_point_lies_in_its_voxel_and_means_are_means():
+    points = np.random.default_rng(0).uniform(-0.05, 0.35, (500, 3))
+    scene, point_to_voxel = make_scene_input(points, NETWORKS["paper"])
+    assert np.array_equal(scene.voxels.numpy()[point_to_voxel], np.floor(points / 0.003).astype(int))
+    for row in (0, len(scene.voxels) - 1):
+        expected = points[point_to_voxel == row].mean(0)
+        np.testing.assert_allclose(scene.positions[row].numpy(), expected, atol=1e-6)
+    assert len(np.unique(scene.voxels.numpy(), axis=0)) == len(scene.voxels)
+
+
+def test_dense_grid_is_occupied_where_the_points_in_the_workspace_are():
+    points = np.array([[0.005, 0.299, 0.101], [0.301, 0.1, 0.1], [-0.001, 0.1, 0.1]])
+    scene, _ = make_scene_input(points, NETWORKS["paper"])
+    assert scene.dense.shape == (1, 30, 30, 30)
+    assert torch.nonzero(scene.dense[0]).tolist() == [[0, 29, 10]]
+
+
+def test_visibility_is_flagged_as_known_or_left_zero():
+    visibility = np.random.default_rng(0).uniform(-1, 1, (30, 30, 30)).astype(np.float32)
+    points = np.full((1, 3), 0.15)
+    known, _ = make_scene_input(points, NETWORKS["default"], visibility)
+    assert torch.equal(known.dense[1], torch.from_numpy(visibility))
+    assert (known.dense[2] == 1).all()
+    unknown, _ = make_scene_input(points, NETWORKS["default"])
+    assert (unknown.dense[1:] == 0).all()
+    ignored, _ = make_scene_input(points, NETWORKS["paper"], visibility)
+    assert ignored.dense.shape[0] == 1
+
+
+@pytest.mark.parametrize(("points", "message"), [(np.zeros((0, 3)), "n > 0"), (np.full((4, 3), np.nan), "NaN")])
+def test_clouds_without_points_or_with_nan_are_input_errors(points, message):
+    with pytest.raises(InputError, match=message):
+        make_scene_input(points, NETWORKS["tiny"])
+
+
+def test_visibility_of_another_size_is_an_input_error():
+    with pytest.raises(InputError, match="visibility"):
+        make_scene_input(np.full((1, 3), 0.15), NETWORKS["tiny"], np.zeros((20, 20, 20), np.float32))

@@ -1,0 +1,57 @@
+import torch
+
+from icgnet.network.config import NETWORKS
+from icgnet.network.layers import Attention
+from icgnet.network.refinement import AffordanceRefinement, attention_blocks
+from icgnet.network.tokens import Tokens
+
+
+def tokens_of(of_voxel: list[int]) -> Tokens:
+    count = max(of_voxel) + 1
+    return Tokens(torch.rand(count, 3), torch.rand(count, 4), 0.006, torch.tensor(of_voxel))
+
+
+def test_tokens_outside_a_query_s_pooled_mask_are_blocked():
+    mask_logits = torch.tensor([[3.0, -1.0], [1.0, -1.0], [-5.0, 2.0], [1.0, -2.0]])
+    blocked = attention_blocks(mask_logits, tokens_of([0, 0, 1, 1]), 0.5)
+    assert blocked.tolist() == [[False, True], [True, False]]  # mean logits 2, -2 and -1, 0
+
+
+def test_a_query_that_covers_nothing_attends_to_everything():
+    blocked = attention_blocks(torch.full((4, 1), -9.0), tokens_of([0, 1, 2, 3]), 0.5)
+    assert not blocked.any()
+
+
+def test_blocked_tokens_have_no_influence():
+    torch.manual_seed(0)
+    attention = Attention(8, 2)
+    queries, tokens, zeros = torch.randn(3, 8), torch.randn(5, 8), torch.zeros(5, 8)
+    blocked = torch.zeros(3, 5, dtype=torch.bool)
+    blocked[0, 3:] = True
+    changed = tokens.clone()
+    changed[3:] += 1.0
+    before = attention(queries, zeros[:3], tokens, zeros, blocked)
+    after = attention(queries, zeros[:3], changed, zeros, blocked)
+    torch.testing.assert_close(before[0], after[0])
+    assert (before[1:] - after[1:]).abs().max() > 1e-3
+
+
+def test_affordance_queries_do_not_attend_to_queries_without_an_object():
+    torch.manual_seed(0)
+    refinement = AffordanceRefinement(NETWORKS["tiny"])
+    queries, positions = torch.randn(4, 8), torch.randn(4, 8)
+    class_logits = torch.zeros(4, 8)
+    class_logits[:, 0] = 1.0
+    class_logits[3, -1] = 5.0
+    changed = queries.clone()
+    changed[3] = torch.randn(8)
+    before, after = refinement(queries, positions, class_logits), refinement(changed, positions, class_logits)
+    torch.testing.assert_close(before[:3], after[:3])
+    assert (before[3] - after[3]).abs().max() > 1e-3
+
+
+def test_affordance_queries_are_finite_when_no_query_has_an_object():
+    class_logits = torch.zeros(4, 8)
+    class_logits[:, -1] = 1.0
+    result = AffordanceRefinement(NETWORKS["tiny"])(torch.randn(4, 8), torch.randn(4, 8), class_logits)
+    assert torch.isfinite(result).all()

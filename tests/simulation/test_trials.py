@@ -1,0 +1,175 @@
+import numpy as np
+import pytest
+
+from icgnet.errors import InputError
+from icgnet.geometry.transforms import make_transform, rotation_z
+from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
+from icgnet.objects.object_set import load_object_set
+from icgnet.simulation.contacts import Contacts
+from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.trials import Jitter, Trials, retreat_vector
+
+EXACT = Jitter(0.0, 0.0)
+FROM_ABOVE = [5, 6]  # the approach angles of -8 and 8 degrees
+NORMAL = np.array([[0.0, 1.0, 0.0]])
+
+
+def _contact(z=0.13, width=0.05, target=0, x=0.15):
+    position = np.array([[x, 0.15 + width / 2, z]])
+    return Contacts(position, NORMAL, np.array([target]), np.array([[width, np.inf, np.inf, np.inf]]))
+
+
+def _label(bodies, gripper, contacts, rng, jitter=EXACT):
+    return Trials(bodies, gripper, Physics()).label(contacts, rng, jitter)
+
+
+def test_a_box_grasped_at_its_centre_from_above_is_held(standing_box, gripper, rng):
+    labels = _label([standing_box(0.05, 0.05, 0.1)], gripper, _contact(), rng)
+    assert labels.success[0, FROM_ABOVE].all()
+    assert not labels.collided[0, FROM_ABOVE].any()
+    assert not labels.disturbed.any()
+    assert labels.widths.tolist() == [0.05]
+
+
+def test_labels_are_the_same_from_both_sides_of_a_symmetric_box(standing_box, gripper, rng):
+    contacts = _contact()
+    mirrored = Contacts(contacts.positions - [0.0, 0.05, 0.0], -contacts.normals, contacts.objects, contacts.widths)
+    trials = Trials([standing_box(0.05, 0.05, 0.1)], gripper, Physics())
+    np.testing.assert_array_equal(
+        trials.label(contacts, rng, EXACT).success, trials.label(mirrored, rng, EXACT).success
+    )
+
+
+def test_a_grasp_through_the_table_is_collided(standing_box, gripper, rng):
+    labels = _label([standing_box(0.05, 0.05, 0.03)], gripper, _contact(z=0.055), rng)
+    assert labels.collided[0, FROM_ABOVE].all()
+    assert not labels.success.any()
+
+
+def test_a_grasp_through_a_neighbour_is_collided(standing_box, gripper, rng):
+    bodies = [standing_box(0.05, 0.05, 0.1), standing_box(0.05, 0.05, 0.1, y=0.203)]
+    labels = _label(bodies, gripper, _contact(), rng)
+    assert labels.collided.all()
+    assert not labels.success.any()
+
+
+def test_an_object_wider_than_the_hand_is_collided_everywhere(standing_box, gripper, rng):
+    labels = _label([standing_box(0.09, 0.09, 0.1)], gripper, _contact(width=0.09), rng)
+    assert labels.collided.all()
+    assert labels.widths[0] == pytest.approx(0.09)
+
+
+def test_what_is_too_thin_to_count_is_not_held(standing_box, gripper, rng):
+    labels = _label([standing_box(0.05, 0.003, 0.1)], gripper, _contact(width=0.003), rng)
+    assert not labels.success.any()
+    assert not labels.collided[0, FROM_ABOVE].any()
+
+
+def test_the_width_that_succeeds_is_kept_when_several_exits_fit(standing_box, gripper, rng):
+    contacts = _contact()
+    several = Contacts(contacts.positions, contacts.normals, contacts.objects, np.array([[0.02, 0.05, 0.12, np.inf]]))
+    labels = _label([standing_box(0.05, 0.05, 0.1)], gripper, several, rng)
+    assert labels.widths[0] == 0.05
+    assert labels.success[0, FROM_ABOVE].all()
+
+
+def test_holding_another_object_is_no_success(standing_box, gripper):
+    trials = Trials([standing_box(0.05, 0.05, 0.1), standing_box(0.03, 0.03, 0.03, x=0.25)], gripper, Physics())
+    pose = grasp_poses(_contact().positions, NORMAL, np.array([0.05]))[0, 5]
+    assert trials.run(pose, 0.062, target=0).success
+    outcome = trials.run(pose, 0.062, target=1)
+    assert not outcome.success
+    assert not outcome.disturbed, "it gave up before lifting"
+
+
+def test_dragging_a_neighbour_along_is_disturbing(standing_box, gripper):
+    lid = standing_box(0.05, 0.05, 0.02)
+    lid.T_world_object[:3, 3] = [0.13, 0.15, 0.16]
+    trials = Trials([standing_box(0.1, 0.05, 0.1), lid], gripper, Physics())
+    pose = grasp_poses(_contact(x=0.185).positions, NORMAL, np.array([0.05]))[0, 5]
+    outcome = trials.run(pose, 0.062, target=0)
+    assert outcome.success
+    assert outcome.disturbed
+
+
+def test_a_slippery_object_is_lost(standing_box, gripper):
+    pose = grasp_poses(_contact().positions, NORMAL, np.array([0.05]))[0, 5]
+    body = standing_box(0.05, 0.05, 0.1)
+    assert Trials([body], gripper, Physics(object_mass=2.0)).run(pose, 0.062, target=0).success
+    # Two pads of 20 N each carry 2 x 0.05 x 20 N = 2 N, a tenth of its weight.
+    slippery = Physics(object_mass=2.0, pad_friction=0.05, object_friction=0.05)
+    assert not Trials([body], gripper, slippery).run(pose, 0.062, target=0).success
+
+
+def test_a_held_object_does_not_creep(standing_box, gripper):
+    trials = Trials([standing_box(0.05, 0.05, 0.1)], gripper, Physics())
+    pose = grasp_poses(_contact().positions, NORMAL, np.array([0.05]))[0, 5]
+    assert trials.run(pose, 0.062, target=0).success
+    before = trials.world.object_positions()
+    trials.world.step(500)
+    assert np.abs(trials.world.object_positions() - before).max() < 5e-4
+
+
+def test_a_trial_leaves_nothing_behind_for_the_next(standing_box, gripper):
+    trials = Trials([standing_box(0.05, 0.05, 0.1), standing_box(0.03, 0.03, 0.08, x=0.25)], gripper, Physics())
+    poses = grasp_poses(_contact().positions, NORMAL, np.array([0.05]))[0]
+
+    def final_state(pose):
+        trials.run(pose, 0.062, target=0)
+        return trials.world.data.qpos.copy()
+
+    first = final_state(poses[5])
+    final_state(poses[2])
+    np.testing.assert_array_equal(first, final_state(poses[5]))
+
+
+def test_labels_depend_on_nothing_but_the_random_stream(standing_box, gripper):
+    def labels():
+        bodies = [standing_box(0.05, 0.06, 0.1)]
+        return _label(bodies, gripper, _contact(), np.random.default_rng(3), Jitter())
+
+    np.testing.assert_array_equal(labels().success, labels().success)
+
+
+def test_large_jitter_spoils_a_tight_grasp(standing_box, gripper):
+    body, contact = standing_box(0.074, 0.074, 0.1), _contact(width=0.074)
+    exact = _label([body], gripper, contact, np.random.default_rng(0))
+    rough = _label([body], gripper, contact, np.random.default_rng(0), Jitter(contact=0.01))
+    assert exact.success[0, FROM_ABOVE].all()
+    assert rough.success.sum() < exact.success.sum()
+
+
+def test_the_hand_retreats_upwards_after_a_side_grasp_and_else_as_it_came():
+    poses = grasp_poses(np.zeros((1, 3)), NORMAL, np.array([0.05]))[0]
+    np.testing.assert_allclose(retreat_vector(poses[0]), [0.0, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(retreat_vector(poses[5]), -0.1 * poses[5, :3, 2])
+    assert abs(APPROACH_ANGLES[0]) > np.pi / 3 > abs(APPROACH_ANGLES[5])
+
+
+def test_negative_jitter_is_refused():
+    with pytest.raises(InputError, match="jitter"):
+        Jitter(contact=-0.001)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "scale", "width", "yaw"),
+    [
+        ("packed/chips_can", 0.75, 0.0611, 0.0),
+        ("pile/soccer_ball_poisson_000", 0.9, 0.065, 0.0),
+        ("pile/jar_poisson_004", 0.9, 0.0588, 0.0),
+        ("pile/boot_poisson_005", 0.9, 0.0249, np.pi / 2),
+        ("pile/ChocSticks_800_tex", 0.9, 0.0155, np.pi / 2),
+    ],
+)
+def test_reference_grasps_hold_as_in_the_published_simulation(vgn_objects, gripper, name, scale, width, yaw):
+    """Upright at the centre, from above, tips 3 cm below the top; the published hulls are 1 mm thicker all round."""
+    model = load_object_set(vgn_objects).model(name)
+    lower, upper = model.visual.bounds[:, 2] * scale
+    trials = Trials(
+        [Body(model, scale, make_transform(np.eye(3), np.array([0.15, 0.15, 0.05 - lower])))], gripper, Physics()
+    )
+    pose = make_transform(rotation_z(yaw) @ np.diag([1.0, -1.0, -1.0]), np.array([0.15, 0.15, 0.02 + upper - lower]))
+    assert trials.run(pose, 0.08, target=0).success
+    assert trials.world.hand.opening() == pytest.approx(width, abs=0.005)
+    assert trials.world.object_positions()[0, 2] + lower == pytest.approx(0.15, abs=0.005)

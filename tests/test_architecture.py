@@ -1,0 +1,152 @@
+"""Imports point one way, and heavy packages stay in the folder that needs them (docs/architecture.md)."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import icgnet
+
+PACKAGE = Path(icgnet.__file__).parent
+
+# The modules beside the folders are the predictor, apart from these two, which stand below everything.
+FOUNDATION = {"errors", "output_folder"}
+PREDICTOR = "predictor"
+
+MAY_IMPORT = {
+    "foundation": set(),
+    "geometry": {"foundation"},
+    "grasping": {"foundation", "geometry"},
+    "objects": {"foundation", "geometry"},
+    "network": {"foundation", "geometry", "grasping"},
+    "simulation": {"foundation", "geometry", "grasping", "objects"},
+    "datagen": {"foundation", "geometry", "grasping", "objects", "simulation"},
+    "training": {"foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen"},
+    PREDICTOR: {"foundation", "geometry", "grasping", "objects", "network"},
+    "viewer": {"foundation", "geometry", "grasping", PREDICTOR},
+    "benchmark": {
+        *("foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen", "training"),
+        *(PREDICTOR, "viewer"),
+    },
+}
+MAY_IMPORT["cli"] = set(MAY_IMPORT)
+
+AT_HOME = {
+    "mujoco": {"simulation"},
+    "ray": {"datagen"},
+    "lightning_fabric": {"training"},
+    "lightning": {"training"},
+    "viser": {"viewer"},
+    "pyarrow": {"datagen"},
+    "tyro": {"cli"},
+    "torch": {"network", "training", PREDICTOR, "benchmark"},
+    "embreex": {"geometry", "simulation", "viewer"},
+    "coacd": {"objects"},
+}
+"""Packages that only these layers know."""
+
+MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+
+
+def layer_of(first: str) -> str:
+    """Layer of a top-level folder or module of the package."""
+    if first in FOUNDATION:
+        return "foundation"
+    return first if (PACKAGE / first).is_dir() else PREDICTOR
+
+
+def imported(module: Path) -> set[str]:
+    """Full names of everything that a module imports, also inside of functions."""
+    names = set()
+    for node in ast.walk(ast.parse((PACKAGE / module).read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}: relative import"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def run_python(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout
+
+
+def test_every_folder_has_its_place_in_the_table():
+    folders = {path.parts[0] for path in MODULES if len(path.parts) > 1}
+    assert folders <= set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_imports_point_one_way(module):
+    layer = layer_of(module.parts[0] if len(module.parts) > 1 else module.stem)
+    used = {
+        layer_of(name.split(".")[1])
+        for name in imported(module)
+        if name.startswith("icgnet.") and name != "icgnet.__version__"
+    }
+    assert used <= MAY_IMPORT[layer] | {layer}
+
+
+@pytest.mark.parametrize("package", sorted(AT_HOME))
+def test_a_heavy_package_is_imported_only_at_home(package):
+    users = {
+        layer_of(module.parts[0] if len(module.parts) > 1 else module.stem)
+        for module in MODULES
+        if any(name.split(".")[0] == package for name in imported(module))
+    }
+    assert users <= AT_HOME[package]
+
+
+def test_help_loads_neither_torch_nor_the_physics_engine():
+    code = (
+        "import sys\n"
+        "from icgnet.cli.main import main\n"
+        "assert main(['--help']) == 0\n"
+        "print('loaded:', *{'torch', 'mujoco', 'viser', 'lightning_fabric'} & set(sys.modules))"
+    )
+    output = run_python(code)
+    assert "predict" in output
+    assert output.splitlines()[-1].strip() == "loaded:"
+
+
+def test_pictures_of_saved_results_need_no_torch():
+    code = (
+        "import sys, icgnet.viewer.picture, icgnet.viewer.web\nprint('torch' in sys.modules, 'mujoco' in sys.modules)"
+    )
+    assert run_python(code).split() == ["False", "False"]
+
+
+def test_the_version_is_known_without_loading_anything():
+    assert run_python("import sys, icgnet\nprint(icgnet.__version__, 'numpy' in sys.modules)").split()[1] == "False"
+
+
+def test_the_paper_map_names_only_what_exists():
+    text = (PACKAGE.parent.parent / "docs" / "paper_map.md").read_text()
+    named = re.findall(r"`([a-z_/]+\.py)(?::([A-Za-z_.]+))?`", text)
+    assert len(named) > 40
+    missing = [(path, name) for path, name in named if not defines(PACKAGE / path, name)]
+    assert missing == []
+
+
+def defines(path: Path, name: str) -> bool:
+    """Whether a module exists and defines a function, class, constant or method (`Class.method`)."""
+    if not path.is_file():
+        return False
+    scope = ast.parse(path.read_text()).body
+    for part in filter(None, name.split(".")):
+        found = [node for node in scope if part in names_of(node)]
+        if not found:
+            return False
+        scope = getattr(found[0], "body", [])
+    return True
+
+
+def names_of(node: ast.stmt) -> set[str]:
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return {node.name}
+    if isinstance(node, ast.Assign):
+        return {target.id for target in node.targets if isinstance(target, ast.Name)}
+    return {node.target.id} if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) else set()

@@ -1,0 +1,61 @@
+"""Objects that several windows see."""
+
+import numpy as np
+import pytest
+from tabletop_scenes import tiny_network
+
+from icgnet.geometry.clouds import PointCloud
+from icgnet.instances import EncodedWindow, Instance, encode_windows, instances_of, keep_one_of_each
+from icgnet.tabletop import Tabletop
+from icgnet.windows import Window
+
+
+@pytest.fixture(scope="module")
+def points() -> np.ndarray:
+    """A band of points along x, 0.45 m long."""
+    return np.random.default_rng(0).uniform((0.0, 0.1, 0.06), (0.45, 0.2, 0.12), (3000, 3))
+
+
+@pytest.fixture(scope="module")
+def views(points) -> list[EncodedWindow]:
+    """Two windows that share the middle third of the band."""
+    tabletop = Tabletop(PointCloud(points, np.array([0.2, -0.3, 0.6]), "table"), np.arange(len(points)), np.eye(4))
+    return encode_windows(tiny_network(), tabletop, [Window(np.zeros(3)), Window(np.array([0.15, 0.0, 0.0]))])
+
+
+def between(points, view, low, high):
+    return Instance(view, 0, "box", 0.9, np.flatnonzero((points[:, 0] >= low) & (points[:, 0] < high)))
+
+
+def test_windows_hold_the_points_in_their_cube(points, views):
+    np.testing.assert_array_equal(views[0].rows, np.flatnonzero(points[:, 0] <= 0.3))
+    assert (views[1].window.to_window(points[views[1].rows])[:, 0] >= 0).all()
+
+
+def test_no_point_of_a_window_is_claimed_twice(views):
+    rows = np.concatenate([item.rows for item in instances_of(views[0])])
+    assert len(rows) > 0
+    assert len(np.unique(rows)) == len(rows)
+
+
+def test_the_window_around_an_object_is_preferred_over_one_that_cuts_it(points, views):
+    whole, cut = between(points, views[1], 0.22, 0.36), between(points, views[0], 0.22, 0.30)
+    (kept,) = keep_one_of_each([cut, whole], views, points)
+    assert kept.view is views[1]
+    assert len(kept.rows) == len(whole.rows)
+
+
+def test_an_object_that_no_window_has_in_its_core_is_kept(points, views):
+    (kept,) = keep_one_of_each([between(points, views[0], 0.24, 0.30)], views, points)
+    assert kept.view is views[0]
+
+
+def test_neighbours_that_overlap_a_little_are_both_kept_and_share_no_point(points, views):
+    kept = keep_one_of_each([between(points, views[0], 0.0, 0.2), between(points, views[1], 0.17, 0.45)], views, points)
+    assert len(kept) == 2
+    assert len(np.intersect1d(kept[0].rows, kept[1].rows)) == 0
+
+
+def test_the_object_with_most_points_comes_first(points, views):
+    kept = keep_one_of_each([between(points, views[0], 0.0, 0.1), between(points, views[1], 0.2, 0.45)], views, points)
+    assert len(kept[0].rows) > len(kept[1].rows)

@@ -1,0 +1,281 @@
+"""The whole way from depth to grasps, with a small network that has random weights."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from tabletop_scenes import INTRINSICS, SHAPE, THREE_BOXES, WIDE_ROW, camera_pose, depth_image, tiny_network
+
+from icgnet.errors import DataError, InputError
+from icgnet.geometry.camera import unproject
+from icgnet.geometry.transforms import invert_transform, transform_points
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.grasp_search import GraspSearch
+from icgnet.grasping.collision import hits_table
+from icgnet.grasping.gripper import load_gripper
+from icgnet.network.weights import save_weights
+from icgnet.prediction import NO_INSTANCE, Prediction, load_prediction
+from icgnet.predictor import Predictor
+
+QUICK = GraspSearch(contacts=96, max_checked=240, resample=False)
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    return Predictor(tiny_network(), load_gripper(), QUICK)
+
+
+@pytest.fixture(scope="module")
+def depth() -> np.ndarray:
+    return depth_image(THREE_BOXES, camera_pose())
+
+
+@pytest.fixture(scope="module")
+def in_camera(predictor, depth) -> Prediction:
+    return predictor.predict_depth(depth, INTRINSICS)
+
+
+@pytest.fixture(scope="module")
+def in_world(predictor, depth) -> Prediction:
+    return predictor.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
+
+
+@pytest.fixture(scope="module")
+def wide(predictor) -> Prediction:
+    pose = camera_pose(0.75)
+    return predictor.predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
+
+
+def test_results_are_in_the_world_with_a_pose_and_in_the_camera_without(in_world, in_camera):
+    assert in_world.frame_id == "world"
+    assert in_camera.frame_id == "camera"
+
+
+def test_objects_are_the_measured_points_in_the_frame_of_the_result(in_camera, depth):
+    grid = unproject(depth, INTRINSICS)
+    assert len(in_camera.objects) > 0
+    assert in_camera.instance_mask.shape == SHAPE
+    for item in in_camera.objects:
+        np.testing.assert_array_equal(item.points, grid[in_camera.instance_mask == item.instance_id])
+
+
+def test_table_points_belong_to_no_object(in_world):
+    table = np.abs(in_world.cloud.points[:, 2] - TABLE_HEIGHT) < 1e-6
+    assert table.sum() > 1000
+    assert (in_world.cloud_instances[table] == NO_INSTANCE).all()
+
+
+def test_grasps_in_the_camera_frame_are_those_of_the_table_frame_turned(predictor, in_camera):
+    T_table_camera = invert_transform(in_camera.T_frame_table)
+    cloud = in_camera.cloud.transformed(T_table_camera, "table")
+    in_table = predictor.predict_cloud(cloud.points, cloud.viewpoint, TABLE_HEIGHT)
+    assert len(in_camera.grasps) > 0
+    np.testing.assert_allclose(in_camera.grasps.poses, in_camera.T_frame_table @ in_table.grasps.poses, atol=1e-9)
+    np.testing.assert_array_equal(in_camera.grasps.scores, in_table.grasps.scores)
+
+
+def test_a_cloud_in_the_camera_frame_gives_what_its_depth_image_gives(predictor, in_camera, depth):
+    grid = unproject(depth, INTRINSICS).reshape(-1, 3)
+    from_cloud = predictor.predict_cloud(grid)
+    assert from_cloud.frame_id == "camera"
+    np.testing.assert_array_equal(from_cloud.grasps.poses, in_camera.grasps.poses)
+    np.testing.assert_array_equal(from_cloud.instance_mask, in_camera.instance_mask.ravel())
+
+
+def test_a_higher_table_lifts_the_grasps(predictor, in_world):
+    lift = np.array([0.0, 0.0, 0.75])
+    cloud = in_world.cloud
+    lifted = predictor.predict_cloud(cloud.points + lift, cloud.viewpoint + lift, TABLE_HEIGHT + 0.75)
+    np.testing.assert_allclose(lifted.grasps.poses[:, :3, 3], in_world.grasps.poses[:, :3, 3] + lift, atol=1e-6)
+
+
+def test_the_same_input_gives_the_same_result(predictor, in_world, depth):
+    again = predictor.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
+    np.testing.assert_array_equal(again.grasps.poses, in_world.grasps.poses)
+    np.testing.assert_array_equal(again.grasps.scores, in_world.grasps.scores)
+
+
+def test_grasps_come_best_first_fit_the_hand_and_stay_above_the_table(in_world):
+    grasps, gripper = in_world.grasps, load_gripper()
+    assert (np.diff(grasps.scores) <= 0).all()
+    assert ((grasps.widths >= 0) & (grasps.widths <= gripper.max_opening)).all()
+    assert not hits_table(grasps.poses, gripper.opening(grasps.widths), gripper, TABLE_HEIGHT).any()
+    np.testing.assert_allclose(np.linalg.det(grasps.poses[:, :3, :3]), 1.0)
+
+
+def test_every_candidate_is_kept_or_counted_as_rejected(in_world):
+    counted = {"low_score", "too_wide", "table", "object", "points", "unchecked"}
+    assert set(in_world.rejected) == counted
+    assert (sum(in_world.rejected.values()) + len(in_world.grasps)) % 12 == 0, "twelve angles for each contact"
+
+
+def test_timings_name_the_stages(in_world):
+    assert set(in_world.timings_ms) == {"input", "encode", "grasps", "collision", "select"}
+
+
+def test_a_scene_wider_than_the_workspace_is_handled_whole(wide):
+    lower = np.array([box.lower for box in WIDE_ROW])
+    upper = np.array([box.upper for box in WIDE_ROW])
+    points = wide.cloud.points
+    for box in range(len(WIDE_ROW)):
+        on_top = ((points >= lower[box] - 0.001) & (points <= upper[box] + 0.001)).all(axis=1)
+        on_top &= points[:, 2] > TABLE_HEIGHT + 0.02
+        assert on_top.sum() > 10
+        assert (wide.cloud_instances[on_top] != NO_INSTANCE).mean() > 0.5
+    assert sum(len(item.points) for item in wide.objects) == (wide.cloud_instances != NO_INSTANCE).sum()
+
+
+def test_an_empty_table_has_no_objects_and_no_grasps(predictor):
+    result = predictor.predict_depth(depth_image((), camera_pose()), INTRINSICS)
+    assert result.objects == ()
+    assert len(result.grasps) == 0
+    assert len(result.best()) == len(result.highest()) == 0
+
+
+def test_a_cloud_without_viewpoint_is_accepted(predictor, in_world):
+    result = predictor.predict_cloud(in_world.cloud.points, table_height=TABLE_HEIGHT)
+    assert result.frame_id == "world"
+    assert result.cloud.viewpoint is None
+
+
+def test_points_that_are_not_finite_are_left_out_but_keep_their_place(predictor, in_world):
+    points = np.insert(in_world.cloud.points, [0, 500], np.nan, axis=0)
+    result = predictor.predict_cloud(points, in_world.cloud.viewpoint, TABLE_HEIGHT)
+    np.testing.assert_array_equal(np.delete(result.instance_mask, [0, 501]), in_world.cloud_instances)
+
+
+def test_surfaces_are_resampled_when_seen_points_give_no_good_grasp(predictor, depth):
+    search = GraspSearch(contacts=24, max_checked=24, few=1, good_score=1.0)
+    both = Predictor(predictor.network, predictor.gripper, search).predict_depth(depth, INTRINSICS, camera_pose())
+    once = predictor.with_search(contacts=24, max_checked=24).predict_depth(depth, INTRINSICS, camera_pose())
+    assert sum(both.rejected.values()) > sum(once.rejected.values())
+
+
+def test_widths_may_come_from_the_shapes(predictor, depth):
+    by_shape = predictor.with_search(width_from="shape").predict_depth(depth, INTRINSICS, camera_pose())
+    assert (by_shape.grasps.widths <= load_gripper().max_opening).all()
+
+
+def test_filters_keep_the_grasps_that_were_asked_for(in_world):
+    best = in_world.best()
+    instance = int(best.instances[0])
+    name = in_world.class_of(instance)
+    assert (in_world.of_instance(instance).grasps.instances == instance).all()
+    assert {in_world.class_of(int(i)) for i in in_world.of_class(name).grasps.instances} == {name}
+    middle = best.poses[0, :3, 3]
+    assert 1 <= len(in_world.in_region(middle - 0.001, middle + 0.001).grasps) <= len(in_world.grasps)
+    assert 1 <= len(in_world.distinct(limit=3).grasps) <= 3
+
+
+def test_unknown_classes_and_objects_are_named(in_world):
+    with pytest.raises(InputError, match=r"teapot.*mug, box"):
+        in_world.of_class("teapot")
+    with pytest.raises(InputError, match="no object 99"):
+        in_world.of_instance(99)
+
+
+def test_a_saved_prediction_reads_back(in_camera, tmp_path):
+    in_camera.save(tmp_path / "out")
+    loaded = load_prediction(tmp_path / "out")
+    np.testing.assert_array_equal(loaded.grasps.poses, in_camera.grasps.poses)
+    np.testing.assert_array_equal(loaded.instance_mask, in_camera.instance_mask)
+    np.testing.assert_allclose(loaded.cloud.points, in_camera.cloud.points, atol=1e-6)
+    assert loaded.gripper.boxes(0.04) == pytest.approx(in_camera.gripper.boxes(0.04)) or loaded.gripper.name == "franka"
+    for mine, theirs in zip(in_camera.objects, loaded.objects, strict=True):
+        assert (mine.class_name, len(mine.points)) == (theirs.class_name, len(theirs.points))
+        assert len(mine.mesh().faces) == len(theirs.mesh().faces)
+
+
+def test_the_saved_files_hold_what_is_promised(in_camera, tmp_path):
+    in_camera.save(tmp_path / "out")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert {"frame_id", "objects", "grasps", "rejected", "timings_ms"} <= set(result)
+    assert result["frame_id"] == "camera"
+    with np.load(tmp_path / "out" / "grasps.npz") as grasps:
+        count = len(in_camera.grasps)
+        assert grasps["grasps"].shape == (count, 4, 4)
+        assert len(grasps["width"]) == len(grasps["score"]) == len(grasps["instance_id"]) == count
+        assert str(grasps["frame_id"]) == "camera"
+        assert grasps["class_name"].tolist() == [entry["class_name"] for entry in result["grasps"]]
+    for entry in result["objects"]:
+        assert (tmp_path / "out" / entry["mesh"]).is_file()
+
+
+def test_a_folder_that_is_no_prediction_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"not a saved prediction"):
+        load_prediction(tmp_path)
+    (tmp_path / "result.json").write_text('{"format": "other"}')
+    with pytest.raises(DataError, match="not of the format"):
+        load_prediction(tmp_path)
+
+
+def test_weights_load_and_predict_as_the_network_they_came_from(predictor, in_world, depth, tmp_path):
+    save_weights(tmp_path / "tiny.safetensors", predictor.network, {})
+    loaded = Predictor.load(tmp_path / "tiny.safetensors", threads=1, search=QUICK)
+    result = loaded.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
+    np.testing.assert_allclose(result.grasps.poses, in_world.grasps.poses)
+
+
+def test_missing_weights_and_wrong_threads_are_named(tmp_path):
+    with pytest.raises(DataError, match=r"nowhere\.safetensors"):
+        Predictor.load(tmp_path / "nowhere.safetensors")
+    with pytest.raises(InputError, match="threads must be at least 1, got 0"):
+        Predictor.load(threads=0)
+
+
+LEFT_HANDED = np.diag([1.0, 1.0, -1.0, 1.0])
+SHEARED = np.array([[1.0, 0.2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"depth": np.zeros((120, 160))}, "no measured pixel"),
+        ({"depth": np.full((120, 160), np.nan)}, "no measured pixel"),
+        ({"depth": np.full((120, 160), 500.0)}, "looks like millimetres"),
+        ({"depth": np.full((120, 160, 3), 0.5)}, r"shape \(h, w\), got shape \(120, 160, 3\)"),
+        ({"intrinsics": np.zeros((3, 3))}, "singular"),
+        ({"intrinsics": np.eye(4)}, r"3 x 3 matrix, got shape \(4, 4\)"),
+        ({"camera_pose": LEFT_HANDED @ camera_pose()}, "right-handed"),
+        ({"camera_pose": SHEARED @ camera_pose()}, "shear"),
+        ({"camera_pose": np.eye(3)}, r"4x4 matrix, got shape \(3, 3\)"),
+        ({"table_height": 0.05}, "needs a camera_pose"),
+        ({"mask": np.ones((3, 4))}, r"\(120, 160\), got \(3, 4\)"),
+    ],
+)
+def test_wrong_depth_input_is_named(predictor, depth, changes, message):
+    with pytest.raises(InputError, match=message):
+        predictor.predict_depth(**{"depth": depth, "intrinsics": INTRINSICS, **changes})
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "message"),
+    [
+        (np.zeros((0, 3)), {}, "0 finite points"),
+        (np.full((500, 3), np.nan), {}, r"0 finite points \(of 500 given\)"),
+        (np.random.default_rng(0).normal(size=(99, 3)), {}, "99 finite points.*at least 100"),
+        (np.zeros((500, 2)), {}, r"\(n, 3\)"),
+        (1000 * np.random.default_rng(0).normal(size=(500, 3)), {}, "millimetres"),
+        (np.random.default_rng(0).normal(size=(500, 3)), {}, "no table found"),
+        (np.random.default_rng(0).normal(size=(500, 3)), {"viewpoint": (0, 0)}, "three finite numbers"),
+        (np.random.default_rng(0).normal(size=(500, 3)), {"table_height": np.nan}, "table_height"),
+    ],
+)
+def test_wrong_clouds_are_named(predictor, points, options, message):
+    with pytest.raises(InputError, match=message):
+        predictor.predict_cloud(points, **options)
+
+
+def test_the_camera_pose_places_the_points(in_world, in_camera):
+    np.testing.assert_allclose(in_world.cloud.points, transform_points(camera_pose(), in_camera.cloud.points))
+
+
+def test_meshes_are_in_the_frame_of_the_result(in_world):
+    item = in_world.objects[0]
+    mesh = item.mesh()
+    assert isinstance(mesh, trimesh.Trimesh)
+    assert item.mesh() is mesh, "extracted once"
+    if not mesh.is_empty:
+        assert (mesh.bounds[0] > item.points.min(axis=0) - 0.05).all()
+        assert (mesh.bounds[1] < item.points.max(axis=0) + 0.05).all()

@@ -1,0 +1,151 @@
+"""Predicted shapes, with a network that predicts a ball."""
+
+import numpy as np
+import pytest
+import torch
+
+from icgnet.geometry.clouds import PointCloud
+from icgnet.grasp_search import GraspSearch
+from icgnet.candidates import Contacts, keep_free, surface_contacts
+from icgnet.grasping.frame import grasp_poses
+from icgnet.grasping.grasps import Grasps
+from icgnet.grasping.gripper import load_gripper
+from icgnet.instances import Instance, encode_windows
+from icgnet.network.config import NETWORKS
+from icgnet.network.icgnet import IcgNet
+from icgnet.shapes import Shape, scene_occupancy
+from icgnet.tabletop import Tabletop
+from icgnet.windows import Window
+
+CENTRES = np.array([[0.15, 0.15, 0.09], [0.22, 0.15, 0.09]])
+RADIUS = 0.03
+ORIGIN = np.array([0.4, -0.2, 0.0])
+
+
+class BallNetwork(IcgNet):
+    """Query k is the ball k, wherever the window is; logits are metric."""
+
+    def decode_occupancy(self, embedding, queries, points, stage=-1):
+        centres = torch.from_numpy(CENTRES).float()[queries]
+        return 200.0 * (RADIUS - torch.cdist(centres, points))
+
+
+def half_ball(centre: np.ndarray) -> np.ndarray:
+    """The side of a ball that a camera sees from above."""
+    directions = np.random.default_rng(0).normal(size=(3000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return centre + RADIUS * directions[directions[:, 2] > 0.1]
+
+
+@pytest.fixture(scope="module")
+def tabletop() -> Tabletop:
+    points = ORIGIN + np.concatenate([half_ball(centre) for centre in CENTRES])
+    return Tabletop(PointCloud(points, ORIGIN + np.array([0.15, 0.0, 0.6]), "table"), np.arange(len(points)), np.eye(4))
+
+
+@pytest.fixture(scope="module")
+def shapes(tabletop) -> list[Shape]:
+    """Both balls, seen in a window away from the origin."""
+    torch.manual_seed(0)
+    network = BallNetwork(NETWORKS["tiny"]).eval()
+    points = tabletop.cloud.points
+    (view,) = encode_windows(network, tabletop, [Window(ORIGIN)])
+    rows = np.array_split(np.arange(len(points)), 2)
+    return [Shape.around(network, Instance(view, k, "ball", 1.0, rows[k]), points[rows[k]]) for k in range(2)]
+
+
+def test_the_mesh_is_the_whole_ball_in_the_table_frame(shapes):
+    mesh = shapes[0].mesh
+    assert mesh.is_watertight
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices - ORIGIN - CENTRES[0], axis=1), RADIUS, atol=2e-4)
+
+
+def test_the_lattice_agrees_with_the_network_near_the_surface(shapes):
+    directions = np.random.default_rng(1).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    radii = np.random.default_rng(2).uniform(RADIUS - 0.006, RADIUS + 0.006, (500, 1))
+    points = ORIGIN + CENTRES[0] + radii * directions
+    exact = 1 / (1 + np.exp(-shapes[0].logits(points)))
+    np.testing.assert_allclose(shapes[0].occupancy(points), exact, atol=0.05)
+
+
+def test_nothing_is_occupied_outside_of_the_box(shapes):
+    far = np.stack([shapes[0].lower - 0.01, shapes[0].upper + 0.01])
+    np.testing.assert_array_equal(shapes[0].occupancy(far), 0.0)
+
+
+def test_the_scene_is_the_union_of_its_shapes(shapes):
+    probability = scene_occupancy(shapes, ORIGIN + np.array([*CENTRES, [0.185, 0.15, 0.09]]))
+    assert (probability[:2] > 0.9).all()
+    assert probability[2] < 0.5
+
+
+def test_the_width_by_a_ray_is_the_chord_of_the_ball(shapes):
+    normals = np.array([[0.0, -1.0, 0.0], [0.0, -0.8, 0.6]])
+    contacts = ORIGIN + CENTRES[0] + np.array([[0.0, -RADIUS, 0.0], RADIUS * np.array([0.0, -0.8, 0.6])])
+    np.testing.assert_allclose(shapes[0].widths(contacts, normals, 0.08), 2 * RADIUS, atol=0.003)
+
+
+def test_a_ray_that_misses_the_shape_has_no_width_and_one_that_never_leaves_is_too_wide(shapes):
+    normal = np.array([[0.0, -1.0, 0.0]])
+    beside = ORIGIN + CENTRES[:1] + np.array([[0.0, -RADIUS - 0.02, 0.0]])
+    assert np.isnan(shapes[0].widths(beside, normal, 0.08)).all()
+    touching = ORIGIN + CENTRES[:1] + np.array([[0.0, -RADIUS, 0.0]])
+    assert np.isinf(shapes[0].widths(touching, normal, 0.04)).all()
+
+
+def test_surface_contacts_lie_on_the_ball_with_outward_normals(shapes):
+    contacts = surface_contacts(shapes, 128, np.random.default_rng(0))
+    offsets = contacts.points - ORIGIN - CENTRES[contacts.instances]
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), RADIUS, atol=5e-4)
+    assert (np.einsum("cd,cd->c", offsets, contacts.normals) > 0.98 * RADIUS).all()
+    assert (offsets[:, 2] < 0).sum() > 20, "also the side that the camera does not see"
+
+
+def from_above(ball: int, direction: np.ndarray) -> Grasps:
+    """A grasp from straight above whose fingers close on a ball along a direction."""
+    contact = ORIGIN + CENTRES[ball] + RADIUS * direction
+    width = np.array([2 * RADIUS])
+    poses = grasp_poses(contact[None], direction[None], width)[0]
+    vertical = int(poses[:, 2, 2].argmin())
+    return Grasps(
+        poses[[vertical]], width, np.array([0.9]), np.array([ball]), contact[None], np.array([vertical])
+    )
+
+
+def check(grasps: Grasps, shapes: list[Shape], tabletop: Tabletop) -> tuple[Grasps, dict[str, int]]:
+    return keep_free(grasps, shapes, tabletop, load_gripper(), GraspSearch())
+
+
+def test_a_grasp_across_two_balls_in_a_row_is_free(shapes, tabletop):
+    free, rejected = check(from_above(0, np.array([0.0, -1.0, 0.0])), shapes, tabletop)
+    assert len(free) == 1
+    assert sum(rejected.values()) == 0
+
+
+def test_a_grasp_with_a_finger_in_the_neighbour_is_rejected(shapes, tabletop):
+    free, rejected = check(from_above(0, np.array([1.0, 0.0, 0.0])), shapes, tabletop)
+    assert len(free) == 0
+    assert rejected["points"] + rejected["object"] == 1
+
+
+def test_a_grasp_through_the_table_is_rejected(shapes, tabletop):
+    low = from_above(0, np.array([0.0, -1.0, 0.0]))
+    low.poses[:, 2, 3] -= 0.05
+    free, rejected = check(low, shapes, tabletop)
+    assert len(free) == 0
+    assert rejected["table"] == 1
+
+
+def test_checking_stops_when_every_object_has_enough_and_the_rest_is_counted(shapes, tabletop):
+    free_one = from_above(0, np.array([0.0, -1.0, 0.0]))
+    many = Grasps.concatenate([free_one] * 120)
+    kept, rejected = keep_free(many, shapes, tabletop, load_gripper(), GraspSearch(per_object=4))
+    assert len(kept) == 48, "one batch"
+    assert rejected["unchecked"] == 72
+
+
+def test_contacts_join_in_order():
+    one = Contacts(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, dtype=np.int64))
+    both = Contacts.concatenate([one, Contacts(np.ones((1, 3)), np.ones((1, 3)), np.ones(1, dtype=np.int64))])
+    np.testing.assert_array_equal(both.instances, (0, 0, 1))

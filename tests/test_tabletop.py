@@ -1,0 +1,98 @@
+"""The table frame, and what stands on the table."""
+
+import numpy as np
+import pytest
+from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image
+
+from icgnet.errors import InputError, TableNotFoundError
+from icgnet.geometry.camera import unproject
+from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.transforms import invert_transform, rotation_z, transform_points
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.tabletop import find_tabletop
+
+
+@pytest.fixture(scope="module")
+def seen() -> PointCloud:
+    """Three boxes on a table, in the camera's frame."""
+    grid = unproject(depth_image(THREE_BOXES, camera_pose()), INTRINSICS).reshape(-1, 3)
+    return PointCloud(grid[np.isfinite(grid).all(axis=1)], np.zeros(3), "camera")
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def test_the_table_found_without_a_pose_is_level_and_at_its_height(seen):
+    tabletop = find_tabletop(seen, None, rng(), level=False)
+    world_up = camera_pose()[:3, :3].T @ np.array([0.0, 0.0, 1.0])
+    assert tabletop.T_frame_table[:3, 2] @ world_up > np.cos(np.deg2rad(0.2))
+    heights = np.delete(tabletop.cloud.points[:, 2], tabletop.standing)
+    assert np.median(heights) == pytest.approx(TABLE_HEIGHT, abs=0.0005)
+
+
+def test_what_stands_on_the_table_is_the_boxes(seen):
+    tabletop = find_tabletop(seen, None, rng(), level=False)
+    world = transform_points(camera_pose(), seen.points)
+    lower, upper = world[tabletop.standing].min(axis=0), world[tabletop.standing].max(axis=0)
+    np.testing.assert_allclose(lower[:2], (0.05, 0.05), atol=0.006)
+    np.testing.assert_allclose(upper, (0.22, 0.23, 0.13), atol=0.006)
+
+
+def test_a_level_world_keeps_its_axes_and_finds_the_height(seen):
+    tabletop = find_tabletop(seen.transformed(camera_pose(), "world"), None, rng())
+    np.testing.assert_array_equal(tabletop.T_frame_table[:3, :3], np.eye(3))
+    np.testing.assert_allclose(tabletop.T_frame_table[:3, 3], 0.0, atol=5e-4)
+
+
+def test_a_given_height_is_taken_as_it_is(seen):
+    shifted = camera_pose()
+    shifted[2, 3] += 0.7
+    tabletop = find_tabletop(seen.transformed(shifted, "world"), 0.75, rng())
+    np.testing.assert_allclose(tabletop.T_frame_table[:3, 3], (0.0, 0.0, 0.7))
+
+
+def test_a_pose_that_tilts_the_table_is_an_error_that_names_the_angle(seen):
+    tilt = np.eye(4)
+    tilt[:3, :3] = np.roll(np.roll(rotation_z(np.deg2rad(30)), 1, axis=0), 1, axis=1)
+    with pytest.raises(InputError, match="tilted by 30 degrees"):
+        find_tabletop(seen.transformed(tilt @ camera_pose(), "world"), None, rng())
+
+
+def test_a_ball_without_a_table_is_an_error():
+    directions = rng().normal(size=(4000, 3))
+    ball = 0.1 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + np.array([0.0, 0.0, 0.5])
+    with pytest.raises(TableNotFoundError, match="--table-height"):
+        find_tabletop(PointCloud(ball, np.zeros(3), "camera"), None, rng(), level=False)
+
+
+def test_flying_pixels_do_not_stand_on_the_table(seen):
+    flying = invert_transform(camera_pose())
+    strays = transform_points(flying, np.array([[0.28, 0.02, 0.2], [0.02, 0.25, 0.15], [0.28, 0.25, 0.18]]))
+    cloud = PointCloud(np.concatenate([seen.points, strays]), np.zeros(3), "camera")
+    tabletop = find_tabletop(cloud, None, rng(), level=False)
+    assert not np.isin(len(seen) + np.arange(3), tabletop.standing).any()
+
+
+def test_waves_in_the_depth_of_a_noisy_table_do_not_stand_on_it(seen):
+    world = transform_points(camera_pose(), seen.points)
+    world[:, 2] += 0.003 * np.sin(60 * world[:, 0]) * np.sin(60 * world[:, 1]) + 0.0015 * rng().normal(size=len(world))
+    tabletop = find_tabletop(PointCloud(world, camera_pose()[:3, 3], "world"), TABLE_HEIGHT, rng())
+    on_boxes = [
+        (np.abs(world[:, :2] - (np.array(box.lower) + box.upper)[:2] / 2) < 0.06).all(axis=1) for box in THREE_BOXES
+    ]
+    assert np.any(on_boxes, axis=0)[tabletop.standing].mean() > 0.99
+
+
+def test_a_mask_limits_what_stands_on_the_table(seen):
+    world = seen.transformed(camera_pose(), "world")
+    left = world.points[:, 0] < 0.13
+    tabletop = find_tabletop(world, TABLE_HEIGHT, rng(), mask=left)
+    assert len(tabletop.standing) > 100
+    assert left[tabletop.standing].all()
+
+
+def test_an_empty_table_has_nothing_on_it():
+    grid = unproject(depth_image((), camera_pose()), INTRINSICS).reshape(-1, 3)
+    cloud = PointCloud(grid[np.isfinite(grid).all(axis=1)], np.zeros(3), "camera")
+    assert len(find_tabletop(cloud, None, rng(), level=False).standing) == 0

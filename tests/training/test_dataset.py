@@ -1,0 +1,102 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from icgnet.errors import DataError
+from icgnet.geometry.workspace import SIZE
+from icgnet.network.config import NETWORKS
+from icgnet.training.config import Sampling
+from icgnet.training.dataset import RecipeDataset, VisitBatches
+from icgnet.training.noise import NOISES
+
+CLEAN = replace(Sampling().for_validation(), noise=NOISES["clean"])
+TURNED = replace(CLEAN, turn=True, translation=0.02)
+TINY = NETWORKS["tiny"]
+
+
+def flat(sample):
+    inner = {f"input.{key}": value for key, value in vars(sample.input).items()}
+    return inner | {key: value for key, value in vars(sample).items() if isinstance(value, torch.Tensor)}
+
+
+def test_same_visit_gives_the_same_sample(make_dataset):
+    first, second = (flat(make_dataset(Sampling(), TINY)[5]) for _ in range(2))
+    for key, value in first.items():
+        torch.testing.assert_close(value, second[key], rtol=0, atol=0, msg=key)
+
+
+def test_visits_differ_and_so_do_seeds(make_dataset):
+    dataset = make_dataset(Sampling(), TINY)
+    assert dataset[0].input.positions.shape != dataset[4].input.positions.shape
+    assert make_dataset(Sampling(), TINY, seed=1)[0].input.positions.shape != dataset[0].input.positions.shape
+
+
+def test_every_epoch_sees_every_scene_once(make_dataset):
+    dataset = make_dataset(Sampling(), TINY)
+    orders = [[dataset.scene_of(visit) for visit in range(4 * epoch, 4 * epoch + 4)] for epoch in range(6)]
+    assert all(sorted(order) == [0, 1, 2, 3] for order in orders)
+    assert len({tuple(order) for order in orders}) > 1
+
+
+@pytest.mark.parametrize("sampling", [CLEAN, TURNED], ids=["as is", "turned and shifted"])
+def test_contacts_lie_on_the_surface_of_their_instance(make_dataset, sampling):
+    dataset = make_dataset(sampling, TINY)
+    for visit in range(4):
+        sample = dataset[visit]
+        points, normals = sample.contacts.numpy(), sample.normals.numpy()
+        # The seen voxels of the instance surround its contacts that are seen.
+        for index in torch.nonzero(sample.contact_seen)[:, 0]:
+            own = sample.input.positions[sample.voxel_instances == sample.contact_instances[index]].numpy()
+            assert np.linalg.norm(own - points[index], axis=1).min() < 0.006
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
+        assert sample.contact_seen.any()
+        assert not sample.contact_seen.all()
+
+
+@pytest.mark.parametrize("sampling", [CLEAN, TURNED], ids=["as is", "turned and shifted"])
+def test_voxels_of_an_instance_lie_on_its_occupied_space(make_dataset, sampling):
+    sample = make_dataset(replace(sampling, occupancy_points=20000), TINY)[1]
+    for instance in range(len(sample.classes)):
+        inside = sample.occupancy_points[sample.occupancy[instance]].numpy()
+        voxels = sample.input.positions[sample.voxel_instances == instance].numpy()
+        assert (voxels > inside.min(0) - 0.006).all()
+        assert (voxels < inside.max(0) + 0.006).all()
+    assert (sample.occupancy.sum(0) <= 1).all()
+
+
+def test_labels_turn_with_the_scene(make_dataset):
+    # In these scenes a grasp succeeds exactly on walls, from above, whatever the turn.
+    sample = make_dataset(TURNED, TINY)[2]
+    walls = sample.normals[:, 2].abs() < 0.5
+    assert (sample.labels[walls].sum(1) >= 1).all()
+    assert (sample.labels[~walls] == 0).all()
+
+
+def test_noise_and_jitter_stay_near_the_truth(make_dataset):
+    sample = make_dataset(Sampling(), TINY)[3]
+    assert (sample.input.positions >= 0).all()
+    assert (sample.input.positions <= SIZE).all()
+    assert len(sample.contacts) <= Sampling().contacts
+    assert sample.occupancy.shape == (len(sample.classes), Sampling().occupancy_points)
+
+
+def test_viewpoint_is_sometimes_unknown(make_dataset):
+    known = [bool(make_dataset(replace(CLEAN, viewpoint_drop=p), TINY)[0].input.dense[2].any()) for p in (0.0, 1.0)]
+    assert known == [True, False]
+
+
+def test_devices_share_the_visits():
+    first, second = (iter(VisitBatches(8, 2, rank, 2)) for rank in (0, 1))
+    assert [next(first), next(second), next(first)] == [[8, 9], [10, 11], [12, 13]]
+
+
+def test_missing_object_set_is_named(recipes):
+    with pytest.raises(DataError, match="shapes"):
+        RecipeDataset(recipes, {}, CLEAN, TINY, 0)
+
+
+def test_no_recipes_are_an_error(shapes):
+    with pytest.raises(DataError, match="no recipes"):
+        RecipeDataset([], {"shapes": shapes}, CLEAN, TINY, 0)

@@ -1,0 +1,129 @@
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+
+from icgnet.errors import DataError, InputError
+from icgnet.network.weights import load_weights
+from icgnet.training.checkpoint import CHECKPOINT_FILE, WeightAverage, load_checkpoint
+from icgnet.training.config import TRAININGS, Sampling, TrainingConfig
+from icgnet.training.loop import BEST_FILE, FINAL_FILE, METRICS_FILE
+
+CONFIG = replace(
+    TRAININGS["tiny"],
+    steps=6,
+    sampling=Sampling(occupancy_points=64, contacts=8, half_resolution=1.0),
+    log_seconds=0.0,
+)
+
+
+def state_of(out):
+    return torch.load(out / CHECKPOINT_FILE, weights_only=True)
+
+
+def assert_same_weights(first, second):
+    for part in ("network", "average"):
+        for name, value in first[part].items():
+            assert torch.equal(value, second[part][name]), f"{part} {name}"
+
+
+def test_resumed_run_equals_a_continuous_one_bit_for_bit(train_shapes, tmp_path):
+    train_shapes(CONFIG, tmp_path / "whole")
+    train_shapes(CONFIG, tmp_path / "legs", leg_steps=3)
+    assert state_of(tmp_path / "legs")["progress"]["step"] == 3
+    train_shapes(CONFIG, tmp_path / "legs")
+    whole, legs = state_of(tmp_path / "whole"), state_of(tmp_path / "legs")
+    assert whole["progress"]["finished"]
+    assert_same_weights(whole, legs)
+
+
+def test_other_seed_trains_another_network(train_shapes, tmp_path):
+    for seed in (0, 1):
+        train_shapes(replace(CONFIG, steps=1, seed=seed), tmp_path / str(seed))
+    with pytest.raises(AssertionError):
+        assert_same_weights(state_of(tmp_path / "0"), state_of(tmp_path / "1"))
+
+
+@pytest.mark.slow
+def test_worker_processes_do_not_change_the_training(train_shapes, tmp_path):
+    config = replace(CONFIG, steps=2)
+    train_shapes(config, tmp_path / "none")
+    train_shapes(replace(config, workers=2), tmp_path / "two")
+    assert_same_weights(state_of(tmp_path / "none"), state_of(tmp_path / "two"))
+
+
+def test_run_leaves_log_and_weights(train_shapes, tmp_path):
+    metrics = train_shapes(replace(CONFIG, steps=2, validation_minutes=0.0), tmp_path)
+    lines = [json.loads(line) for line in (tmp_path / METRICS_FILE).read_text().splitlines()]
+    assert {line["kind"] for line in lines} == {"train", "val"}
+    assert all({"loss", "grasp", "scenes_per_s", "waiting_share"} <= line.keys() for line in lines if line["kind"] == "train")
+    assert "grasp_best_f1" in metrics
+    for name in (BEST_FILE, FINAL_FILE):
+        network, metadata = load_weights(tmp_path / name)
+        assert network.config.name == "tiny"
+        assert metadata["step"] >= 1
+
+
+def test_finished_run_says_so_and_stays(train_shapes, tmp_path):
+    config = replace(CONFIG, steps=1)
+    train_shapes(config, tmp_path)
+    before = state_of(tmp_path)
+    lines = []
+    train_shapes(config, tmp_path, report=lines.append)
+    assert any("finished" in line for line in lines)
+    assert_same_weights(before, state_of(tmp_path))
+
+
+def test_folder_of_another_run_is_refused_by_name(train_shapes, tmp_path):
+    train_shapes(replace(CONFIG, steps=1), tmp_path)
+    with pytest.raises(DataError, match=r"training\.learning_rate: 0\.001 there, 0\.1 now"):
+        train_shapes(replace(CONFIG, steps=1, learning_rate=0.1), tmp_path)
+
+
+def test_threads_may_change_between_legs(train_shapes, tmp_path):
+    train_shapes(replace(CONFIG, steps=2), tmp_path, leg_steps=1)
+    train_shapes(replace(CONFIG, steps=2, threads=2), tmp_path)
+    assert state_of(tmp_path)["progress"]["step"] == 2
+
+
+def test_damaged_checkpoint_is_named(tmp_path):
+    path = tmp_path / CHECKPOINT_FILE
+    path.write_bytes(b"not a checkpoint")
+    network = torch.nn.Linear(1, 1)
+    with pytest.raises(DataError, match=CHECKPOINT_FILE):
+        load_checkpoint(path, network, WeightAverage(network, 0.9), torch.optim.AdamW(network.parameters()))
+
+
+def test_average_follows_the_weights():
+    network = torch.nn.Linear(1, 1, bias=False)
+    torch.nn.init.zeros_(network.weight)
+    average = WeightAverage(network, 0.5)
+    torch.nn.init.ones_(network.weight)
+    average.update(network, step=100)
+    assert float(average.network.weight) == pytest.approx(0.5)
+    average.update(network, step=100)
+    assert float(average.network.weight) == pytest.approx(0.75)
+
+
+def test_training_data_must_be_there(train_shapes, data, tmp_path):
+    with pytest.raises(DataError, match="manifest"):
+        (data / "manifest.json").unlink()
+        train_shapes(CONFIG, tmp_path)
+
+
+@pytest.mark.parametrize("budget", [{"steps": None, "minutes": None}, {"steps": 5, "minutes": 1.0}])
+def test_budget_is_steps_or_minutes(budget):
+    with pytest.raises(InputError, match="steps or minutes"):
+        TrainingConfig(**budget)
+
+
+def test_unknown_network_is_an_input_error():
+    with pytest.raises(InputError, match="tiny"):
+        TrainingConfig(network="huge")
+
+
+def test_time_budget_counts_the_time_of_all_legs():
+    config = TrainingConfig(minutes=10.0)
+    assert config.progress(step=10**6, elapsed=300.0) == pytest.approx(0.5)
+    assert config.progress(step=0, elapsed=601.0) == 1.0

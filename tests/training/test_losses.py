@@ -1,0 +1,95 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from icgnet.network.config import NETWORKS
+from icgnet.network.icgnet import IcgNet
+from icgnet.training.config import Sampling
+from icgnet.training.losses import (
+    PUBLISHED,
+    LossWeights,
+    TrainingLoss,
+    bce,
+    dice_loss,
+    segmentation_terms,
+    weighted_sum,
+    width_term,
+)
+from icgnet.training.matching import MatchingCosts
+
+SAMPLING = replace(Sampling().for_validation(), occupancy_points=200, contacts=20)
+PAPER_LIKE = replace(NETWORKS["tiny"], affordance="contact", decoder_stages="all")
+
+
+def terms_of(make_dataset, config, weights):
+    torch.manual_seed(0)
+    loss = TrainingLoss(IcgNet(config), weights, MatchingCosts())
+    samples = [make_dataset(SAMPLING, config)[visit] for visit in range(2)]
+    total, terms = loss(samples)
+    return loss, total, terms
+
+
+def test_perfect_answers_cost_nothing():
+    masks = torch.tensor([[1, 1, 0, 0], [0, 0, 1, 0]], dtype=torch.bool)
+    mask_logits = torch.where(masks.T, 20.0, -20.0)
+    class_logits = 20.0 * torch.nn.functional.one_hot(torch.tensor([2, 5]), 8).float()
+    terms = segmentation_terms(
+        mask_logits, class_logits, torch.tensor([0, 1]), masks, torch.tensor([2, 5]), LossWeights()
+    )
+    assert {name: round(float(value), 4) for name, value in terms.items()} == {"class_": 0, "mask": 0, "dice": 0}
+
+
+def test_unmatched_queries_shall_say_no_object():
+    class_logits = torch.zeros(3, 8)
+    class_logits[1:, 7] = 10.0
+    masks = torch.ones(1, 4, dtype=torch.bool)
+    arguments = (torch.zeros(4, 3), torch.tensor([0]), masks, torch.tensor([2]), LossWeights())
+    quiet = segmentation_terms(arguments[0], class_logits, *arguments[1:])["class_"]
+    loud = segmentation_terms(arguments[0], -class_logits, *arguments[1:])["class_"]
+    assert loud > quiet
+
+
+def test_dice_of_a_hand_worked_case():
+    # Probabilities 1, 1, 0, 0 against 1, 0, 0, 0, both smoothed by 1: 1 - 3/4.
+    loss = dice_loss(torch.tensor([[50.0, 50.0, -50.0, -50.0]]), torch.tensor([[1.0, 0.0, 0.0, 0.0]]))
+    assert float(loss) == pytest.approx(0.25)
+
+
+def test_width_counts_only_where_a_grasp_succeeds():
+    predicted, wanted = torch.tensor([0.05, 0.00]), torch.tensor([0.025, 0.08])
+    term = width_term(predicted, wanted, torch.tensor([True, False]))
+    assert float(term["width"]) == pytest.approx(1.0)
+    assert width_term(predicted, wanted, torch.tensor([False, False])) == {}
+
+
+def test_sum_is_weighted_and_published_sum_is_divided():
+    terms = {"mask": torch.tensor(2.0), "grasp": torch.tensor(1.0)}
+    assert float(weighted_sum(terms, LossWeights(mask=3.0, grasp=5.0))) == pytest.approx(11.0)
+    assert float(weighted_sum(terms, replace(PUBLISHED, mask=3.0, grasp=5.0))) == pytest.approx(5.5)
+
+
+def test_every_parameter_that_is_used_gets_a_gradient(make_dataset):
+    loss, total, terms = terms_of(make_dataset, NETWORKS["tiny"], LossWeights())
+    assert set(terms) == {"class_", "mask", "dice", "occupancy", "grasp", "contact", "width"}
+    total.backward()
+    without = [name for name, value in loss.network.named_parameters() if value.grad is None]
+    assert without == []
+
+
+def test_published_loss_has_the_scene_level_terms_at_all_stages(make_dataset):
+    _, total, terms = terms_of(make_dataset, PAPER_LIKE, PUBLISHED)
+    assert set(terms) == {"class_", "mask", "dice", "occupancy", "scene_occupancy", "grasp", "scene_grasp", "width"}
+    assert torch.isfinite(total)
+
+
+def test_scene_without_contacts_still_trains(make_dataset):
+    config = NETWORKS["tiny"]
+    loss = TrainingLoss(IcgNet(config), LossWeights(), MatchingCosts())
+    total, terms = loss([make_dataset(replace(SAMPLING, contacts=0), config)[0]])
+    assert torch.isfinite(total)
+    assert "grasp" not in terms
+
+
+def test_bce_of_a_hand_worked_case():
+    assert float(bce(torch.zeros(4), torch.tensor([1.0, 0.0, 1.0, 0.0]))) == pytest.approx(0.6931, abs=1e-4)

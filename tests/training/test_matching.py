@@ -1,0 +1,45 @@
+from itertools import permutations
+
+import torch
+
+from icgnet.training.losses import bce, dice_loss
+from icgnet.training.matching import MatchingCosts, dice_cost, mask_cost, match_queries
+
+
+def random_problem(voxels=40, queries=5, instances=3):
+    generator = torch.Generator().manual_seed(0)
+    mask_logits = torch.randn(voxels, queries, generator=generator)
+    class_logits = torch.randn(queries, 8, generator=generator)
+    owner = torch.randint(-1, instances, (voxels,), generator=generator)
+    masks = owner[None] == torch.arange(instances)[:, None]
+    return mask_logits, class_logits, masks, torch.tensor([0, 3, 6])
+
+
+def test_costs_are_the_losses_of_every_pair():
+    mask_logits, _, masks, _ = random_problem()
+    for i, mask in enumerate(masks):
+        for q in range(mask_logits.shape[1]):
+            torch.testing.assert_close(mask_cost(mask_logits, masks)[i, q], bce(mask_logits[:, q], mask))
+            expected = dice_loss(mask_logits[None, :, q], mask[None].float())
+            torch.testing.assert_close(dice_cost(mask_logits, masks)[i, q], expected)
+
+
+def test_assignment_is_the_cheapest_of_all():
+    mask_logits, class_logits, masks, classes = random_problem()
+    costs = MatchingCosts()
+    cost = 5 * mask_cost(mask_logits, masks) + 2 * dice_cost(mask_logits, masks)
+    cost = cost - 10 * class_logits.softmax(-1)[:, classes].T
+    cheapest = min(permutations(range(5), 3), key=lambda queries: sum(cost[i, q] for i, q in enumerate(queries)))
+    assert match_queries(mask_logits, class_logits, masks, classes, costs).tolist() == list(cheapest)
+
+
+def test_perfect_masks_find_their_objects():
+    _, class_logits, masks, classes = random_problem()
+    mask_logits = torch.full((40, 5), -8.0)
+    mask_logits[:, [4, 0, 2]] = torch.where(masks.T, 8.0, -8.0)
+    assert match_queries(mask_logits, class_logits * 0, masks, classes, MatchingCosts()).tolist() == [4, 0, 2]
+
+
+def test_scene_without_instances_matches_nothing():
+    mask_logits, class_logits, masks, classes = random_problem()
+    assert len(match_queries(mask_logits, class_logits, masks[:0], classes[:0], MatchingCosts())) == 0
