@@ -59,9 +59,22 @@ def depth_image(boxes: tuple[Box, ...], T_world_camera: np.ndarray) -> np.ndarra
 
 
 def tiny_network(seed: int = 3) -> IcgNet:
-    """A network with random weights that takes every query for an object."""
+    """A network with random weights that takes every query for an object, sees no shapes and likes hands from above.
+
+    Without shapes only table and points hinder the hand, and 65 mm wide grasps go over all the boxes above.
+    """
     torch.manual_seed(seed)
     network = IcgNet(NETWORKS["tiny"])
+    hand = network.affordance
     with torch.no_grad():
         network.refinement.class_head[-1].bias[-1] = -10.0
+        network.occupancy.end.bias.fill_(-20.0)
+        hand.width[-1].weight.zero_()
+        hand.width[-1].bias.fill_(0.96)
+        # The first unit sees how much the approach points down, and little of the contact; success reads it alone.
+        hand.of_hand.weight.zero_()
+        hand.of_hand.bias.zero_()
+        hand.of_hand.weight[0, -1] = -1.0
+        hand.success.weight.zero_()
+        hand.success.weight[0, 0] = 4.0
     return network.eval()

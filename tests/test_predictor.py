@@ -145,13 +145,6 @@ def test_points_that_are_not_finite_are_left_out_but_keep_their_place(predictor,
     np.testing.assert_array_equal(np.delete(result.instance_mask, [0, 501]), in_world.cloud_instances)
 
 
-def test_surfaces_are_resampled_when_seen_points_give_no_good_grasp(predictor, depth):
-    search = GraspSearch(contacts=24, max_checked=24, few=1, good_score=1.0)
-    both = Predictor(predictor.network, predictor.gripper, search).predict_depth(depth, INTRINSICS, camera_pose())
-    once = predictor.with_search(contacts=24, max_checked=24).predict_depth(depth, INTRINSICS, camera_pose())
-    assert sum(both.rejected.values()) > sum(once.rejected.values())
-
-
 def test_widths_may_come_from_the_shapes(predictor, depth):
     by_shape = predictor.with_search(width_from="shape").predict_depth(depth, INTRINSICS, camera_pose())
     assert (by_shape.grasps.widths <= load_gripper().max_opening).all()
@@ -181,7 +174,8 @@ def test_a_saved_prediction_reads_back(in_camera, tmp_path):
     np.testing.assert_array_equal(loaded.grasps.poses, in_camera.grasps.poses)
     np.testing.assert_array_equal(loaded.instance_mask, in_camera.instance_mask)
     np.testing.assert_allclose(loaded.cloud.points, in_camera.cloud.points, atol=1e-6)
-    assert loaded.gripper.boxes(0.04) == pytest.approx(in_camera.gripper.boxes(0.04)) or loaded.gripper.name == "franka"
+    for mine, theirs in zip(in_camera.gripper.boxes(0.04), loaded.gripper.boxes(0.04), strict=True):
+        np.testing.assert_allclose((*mine.centre, *mine.size), (*theirs.centre, *theirs.size), atol=1e-9)
     for mine, theirs in zip(in_camera.objects, loaded.objects, strict=True):
         assert (mine.class_name, len(mine.points)) == (theirs.class_name, len(theirs.points))
         assert len(mine.mesh().faces) == len(theirs.mesh().faces)

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 import torch
 
+from icgnet.candidates import Contacts, keep_free, surface_contacts
 from icgnet.geometry.clouds import PointCloud
 from icgnet.grasp_search import GraspSearch
-from icgnet.candidates import Contacts, keep_free, surface_contacts
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
 from icgnet.instances import Instance, encode_windows
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
+from icgnet.predictor import Predictor, _Clock
 from icgnet.shapes import Shape, scene_occupancy
 from icgnet.tabletop import Tabletop
 from icgnet.windows import Window
@@ -143,6 +144,16 @@ def test_checking_stops_when_every_object_has_enough_and_the_rest_is_counted(sha
     kept, rejected = keep_free(many, shapes, tabletop, load_gripper(), GraspSearch(per_object=4))
     assert len(kept) == 48, "one batch"
     assert rejected["unchecked"] == 72
+
+
+@pytest.mark.parametrize(("good_score", "resampled"), [(1.0, True), (0.0, False)])
+def test_unseen_sides_are_tried_only_when_the_seen_ones_give_too_few_good_grasps(
+    shapes, tabletop, good_score, resampled
+):
+    search = GraspSearch(contacts=48, max_checked=48, min_score=0.0, few=5 if resampled else 0, good_score=good_score)
+    predictor = Predictor(shapes[0].network, load_gripper(), search)
+    _, rejected = predictor._search(tabletop, shapes, np.random.default_rng(0), _Clock())
+    assert (rejected["unchecked"] > 48 * 12) == resampled
 
 
 def test_contacts_join_in_order():

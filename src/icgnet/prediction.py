@@ -177,7 +177,7 @@ class Prediction:
             width=self.grasps.widths,
             score=self.grasps.scores,
             instance_id=self.grasps.instances,
-            class_name=np.array([self.class_of(i) for i in self.grasps.instances], dtype=np.str_),
+            class_name=np.array([self.class_of(int(i)) for i in self.grasps.instances], dtype=np.str_),
             contact=self.grasps.contacts,
             angle=self.grasps.angles,
             frame_id=self.frame_id,

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from icgnet.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.capture import check_viewpoint
 from icgnet.errors import DataError, InputError
-from icgnet.geometry.camera import check_intrinsics, unproject
+from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points
 from icgnet.geometry.transforms import check_transform
 from icgnet.grasp_search import GraspSearch
@@ -127,11 +127,12 @@ class Predictor:
         """
         if table_height is not None and camera_pose is None:
             raise InputError("table_height is a height in the world: it needs a camera_pose")
-        image = np.asarray(depth)
-        grid = unproject(image, check_intrinsics(np.asarray(intrinsics)))
-        rows = np.flatnonzero(np.isfinite(grid).all(axis=2))
+        image = check_depth(np.asarray(depth))
+        rays = pixel_rays(check_intrinsics(np.asarray(intrinsics)), image.shape)
+        rows = np.flatnonzero(np.isfinite(image))
         allowed = _check_mask(mask, image.shape)
-        cloud = PointCloud(check_points(grid.reshape(-1, 3)[rows]), np.zeros(3), "camera")
+        points = rays.reshape(-1, 3)[rows] * image.reshape(-1, 1)[rows]
+        cloud = PointCloud(check_points(points), np.zeros(3), "camera")
         if camera_pose is not None:
             cloud = cloud.transformed(check_transform(_matrix(camera_pose), "camera_pose"), "world")
         return self._predict(cloud, table_height, rows, image.shape, None if allowed is None else allowed[rows])
@@ -148,8 +149,10 @@ class Predictor:
 
         Paper: inference as in "Method" and "Grasp Selection and Reconstruction".
         """
-        rng, clock = np.random.default_rng(self.seed), _Clock()
-        tabletop = find_tabletop(cloud, table_height, rng, cloud.frame_id == "world", mask)
+        # Two streams, so that finding the table does not change which contacts are drawn.
+        for_table, for_contacts = map(np.random.default_rng, np.random.SeedSequence(self.seed).spawn(2))
+        clock = _Clock()
+        tabletop = find_tabletop(cloud, table_height, for_table, cloud.frame_id == "world", mask)
         points = tabletop.cloud.points
         windows = cover(points[tabletop.standing], fewest=FEWEST_VOXELS)
         clock.lap("input")
@@ -159,7 +162,7 @@ class Predictor:
         shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
         clock.lap("encode")
 
-        grasps, rejected = self._search(tabletop, shapes, rng, clock)
+        grasps, rejected = self._search(tabletop, shapes, for_contacts, clock)
         result = Prediction(
             objects=tuple(_detected(number, shape, tabletop, cloud) for number, shape in enumerate(shapes)),
             grasps=grasps.transformed(tabletop.T_frame_table),

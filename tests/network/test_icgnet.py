@@ -183,7 +183,7 @@ def test_voxels_far_outside_the_workspace_are_taken():
 
 def test_tiny_network_learns_one_scene():
     torch.manual_seed(0)
-    config = replace(NETWORKS["tiny"], queries=4, stem_width=2)
+    config = replace(NETWORKS["tiny"], queries=4, dense_cells=15, dense_pitch=0.02)
     net = IcgNet(config)
     scene, instances = two_spheres(config)
     masks = nn.functional.one_hot(instances, 2).float()

@@ -2,7 +2,7 @@ import torch
 
 from icgnet.network.config import NETWORKS
 from icgnet.network.layers import Attention
-from icgnet.network.refinement import AffordanceRefinement, attention_blocks
+from icgnet.network.refinement import AffordanceRefinement, MaskScene, attention_blocks, ball_logits
 from icgnet.network.tokens import Tokens
 
 
@@ -55,3 +55,17 @@ def test_affordance_queries_are_finite_when_no_query_has_an_object():
     class_logits[:, -1] = 1.0
     result = AffordanceRefinement(NETWORKS["tiny"])(torch.randn(4, 8), torch.randn(4, 8), class_logits)
     assert torch.isfinite(result).all()
+
+
+def test_seeded_mask_is_a_ball_around_the_seed_that_the_query_moves_and_sizes():
+    seed = torch.tensor([[0.1, 0.1, 0.1]])
+    offsets = torch.tensor([0.0, 0.03 * 2**0.5, 0.10])
+    positions = seed + torch.stack([offsets, torch.zeros(3), torch.zeros(3)], 1)
+    scene = MaskScene(torch.zeros(3, 4), positions, seed)
+    logits = ball_logits(torch.zeros(1, 4), scene)[:, 0]
+    torch.testing.assert_close(logits[:2], torch.tensor([1.0, 0.0]), atol=1e-5, rtol=0)
+    assert logits[2] < -4
+    moved = ball_logits(torch.tensor([[2.0, 0, 0, 0]]), scene)[:, 0]
+    torch.testing.assert_close(moved[2], torch.tensor(1.0), atol=1e-5, rtol=0)
+    larger = ball_logits(torch.tensor([[0.0, 0, 0, 1]]), scene)[:, 0]
+    assert (larger[1:] > logits[1:]).all()

@@ -113,6 +113,19 @@ def test_batch_norm_takes_a_single_voxel_in_training():
     assert torch.equal(norm.running_mean, torch.zeros(3))
 
 
+def test_batch_norm_forgets_where_its_statistics_started():
+    norm, features = VoxelBatchNorm(2, momentum=0.02), torch.randn(500, 2) * 3 + 5
+    norm(features[:200])
+    norm(features[200:400])
+    expected = (features[:200].mean(0) + features[200:400].mean(0)) / 2
+    torch.testing.assert_close(norm.running_mean, expected)
+    for _ in range(60):
+        norm(features[:200])
+    before = norm.running_mean.clone()
+    norm(features[400:])
+    torch.testing.assert_close(norm.running_mean, 0.98 * before + 0.02 * features[400:].mean(0))
+
+
 def test_reduced_precision_stays_close():
     voxels = batch_of(random_voxels(300, 0, 10))
     layer, features = SubmanifoldConv(8, 8), torch.randn(len(voxels), 8)

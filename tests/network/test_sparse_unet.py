@@ -43,7 +43,7 @@ def test_evaluation_stays_close_to_training_with_batches_of_one():
     net = network().train()
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3)
     scenes = [VoxelPyramid.build(shell(radius)) for radius in (5.0, 6.0, 7.0, 8.0)]
-    for step in range(80):
+    for step in range(60):
         output = net(scenes[step % 4])[-1]
         loss = (output - 1.0).square().mean()
         optimiser.zero_grad()

@@ -63,11 +63,11 @@ def test_collisions_agree_with_surface_points_of_the_hand(standing_box, gripper,
     """The slow version: any of the hand's surface points inside the box, at many poses along the way."""
     size = np.array([0.06, 0.05, 0.1])
     checker = ApproachChecker([standing_box(*size)], gripper, Physics())
-    for x, y, z in rng.uniform([0.1, 0.1, 0.08], [0.2, 0.2, 0.2], (25, 3)):
+    for x, y, z in rng.uniform([0.1, 0.1, 0.08], [0.2, 0.2, 0.2], (12, 3)):
         pose = _from_above(x, y, z)
-        points = gripper.surface_points(0.07, spacing=0.003) @ DOWN.T + pose[0, :3, 3]
+        points = gripper.surface_points(0.07, spacing=0.005) @ DOWN.T + pose[0, :3, 3]
         inside = False
-        for back in np.linspace(0.0, 0.05, 26):
+        for back in np.linspace(0.0, 0.05, 13):
             offset = np.abs(points - [0.15, 0.15, 0.1 - back]) - size / 2
             depth = -offset.max(axis=1)
             inside |= bool((depth > 0).any())
@@ -75,4 +75,4 @@ def test_collisions_agree_with_surface_points_of_the_hand(standing_box, gripper,
         if inside:
             assert collides
         elif collides:
-            assert depth.max() > -0.004, "a collision without any point near the box"
+            assert depth.max() > -0.006, "a collision without any point near the box"

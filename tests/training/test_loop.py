@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -57,7 +58,9 @@ def test_run_leaves_log_and_weights(train_shapes, tmp_path):
     metrics = train_shapes(replace(CONFIG, steps=2, validation_minutes=0.0), tmp_path)
     lines = [json.loads(line) for line in (tmp_path / METRICS_FILE).read_text().splitlines()]
     assert {line["kind"] for line in lines} == {"train", "val"}
-    assert all({"loss", "grasp", "scenes_per_s", "waiting_share"} <= line.keys() for line in lines if line["kind"] == "train")
+    assert all(
+        {"loss", "grasp", "scenes_per_s", "waiting_share"} <= line.keys() for line in lines if line["kind"] == "train"
+    )
     assert "grasp_best_f1" in metrics
     for name in (BEST_FILE, FINAL_FILE):
         network, metadata = load_weights(tmp_path / name)
@@ -87,6 +90,15 @@ def test_threads_may_change_between_legs(train_shapes, tmp_path):
     assert state_of(tmp_path)["progress"]["step"] == 2
 
 
+def test_more_data_go_on_and_are_named(train_shapes, data, tmp_path):
+    config = replace(CONFIG, steps=2)
+    train_shapes(config, tmp_path / "run", leg_steps=1)
+    shutil.copy(data / "scenes.parquet", data / "more.parquet")
+    lines = []
+    train_shapes(config, tmp_path / "run", report=lines.append)
+    assert "going on with another setting: data.scenes: 4 there, 8 now" in lines
+
+
 def test_damaged_checkpoint_is_named(tmp_path):
     path = tmp_path / CHECKPOINT_FILE
     path.write_bytes(b"not a checkpoint")
@@ -107,8 +119,8 @@ def test_average_follows_the_weights():
 
 
 def test_training_data_must_be_there(train_shapes, data, tmp_path):
+    (data / "manifest.json").unlink()
     with pytest.raises(DataError, match="manifest"):
-        (data / "manifest.json").unlink()
         train_shapes(CONFIG, tmp_path)
 
 

@@ -47,9 +47,7 @@ def test_same_seed_gives_same_noise():
 
 
 def test_unmeasured_pixels_stay_unmeasured(rng):
-    everything = SensorNoise(
-        gain=0.03, field=0.005, **dict.fromkeys(PROBABILITIES, 1.0)
-    )
+    everything = SensorNoise(gain=0.03, field=0.005, **dict.fromkeys(PROBABILITIES, 1.0))
     depth, _ = corrupt_depth(step_image(), 540.0, everything, rng)
     assert (depth[:, 70] == 0).all()
     assert not np.array_equal(depth, step_image())

@@ -13,7 +13,7 @@ from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import evaluate
 from icgnet.training.schedule import learning_rate_factor
 
-STEPS = 250
+STEPS = 160
 
 
 @pytest.mark.slow

@@ -87,7 +87,7 @@ def test_see_through_surfaces_let_half_of_what_is_behind_through():
 def test_points_are_drawn_as_discs_of_their_radius():
     point = np.array([[0.15, 0.15, 0.1]])
     disc = disc_triangles(point, np.array([[0.0, 0.0, 1.0]]), np.array([BLUE]), 0.01)
-    view = framing_view(point + [[0.02, 0.02, 0.0], [-0.02, -0.02, 0.0]], 0.0, np.deg2rad(89.9), SHAPE)
+    view = framing_view(point + np.array([[0.02, 0.02, 0.0], [-0.02, -0.02, 0.0]]), 0.0, np.deg2rad(89.9), SHAPE)
     image = render(disc, None, view, SHAPE).astype(int)
     coverage = (255 - image.min(axis=2)).sum() / (255 - image.min())
     pixel = np.linalg.norm(view.T_world_camera[:3, 3] - point[0]) / view.intrinsics(SHAPE)[0, 0]

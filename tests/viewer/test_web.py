@@ -1,6 +1,8 @@
 import socket
 import urllib.request
 from collections.abc import Iterator
+from dataclasses import replace
+from urllib.error import URLError
 
 import pytest
 
@@ -28,11 +30,11 @@ def test_the_page_is_served_until_it_is_stopped(viewer):
         assert page.status == 200
         assert b"<html" in page.read()
     viewer.stop()
-    with pytest.raises(OSError):
+    with pytest.raises(URLError):
         urllib.request.urlopen(viewer.url, timeout=2)
 
 
-def test_the_score_threshold_and_the_object_switches_hide_hands(viewer, monkeypatch):
+def test_the_score_threshold_and_the_object_switches_hide_hands(viewer):
     assert viewer.visible_hands() == 4
     viewer._threshold.value = 0.9
     viewer._update()
@@ -47,8 +49,6 @@ def test_the_score_threshold_and_the_object_switches_hide_hands(viewer, monkeypa
 
 
 def test_an_empty_prediction_can_be_viewed(make_prediction):
-    from dataclasses import replace
-
     found = make_prediction(grasps_each=0)
     viewer = open_viewer(replace(found, objects=(), cloud_instances=0 * found.cloud_instances - 1), port=free_port())
     try:

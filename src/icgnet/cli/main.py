@@ -13,6 +13,7 @@ from icgnet.cli.demo import Demo
 from icgnet.cli.generate import Generate
 from icgnet.cli.objects import Objects
 from icgnet.cli.predict import Predict
+from icgnet.cli.simulate import Simulate
 from icgnet.cli.train import Train
 from icgnet.cli.version import Version
 from icgnet.cli.view import View
@@ -27,6 +28,7 @@ Command = (
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Generate, tyro.conf.subcommand("generate")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Objects, tyro.conf.subcommand("objects")]
     | Annotated[Version, tyro.conf.subcommand("version")]
 )

@@ -17,7 +17,6 @@ from icgnet.output_folder import check_replaceable
 
 if TYPE_CHECKING:
     from icgnet.prediction import Prediction
-    from icgnet.predictor import Predictor
 
 DEFAULT_OUT = Path("prediction")
 STDOUT = "-"

@@ -40,7 +40,9 @@ def print_tables(prediction: "Prediction", console: Console) -> None:
     """Prints the objects, the best grasps, what was rejected and how long it took."""
     console.print(_object_table(prediction))
     console.print(_grasp_table(prediction))
-    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in prediction.rejected.items() if count)
+    rejected = ", ".join(
+        f"{count} {reason.replace('_', ' ')}" for reason, count in prediction.rejected.items() if count
+    )
     console.print(f"rejected: {rejected or 'none'}")
     timings = ", ".join(f"{stage} {duration:.0f}" for stage, duration in prediction.timings_ms.items())
     console.print(f"timings [ms]: {timings}", markup=False)

@@ -215,10 +215,13 @@ def _prepare(directory: Path, manifest: dict[str, object]) -> None:
         _write_json(path, manifest)
         return
     found = read_manifest(directory)
-    for key in manifest.keys() | found.keys():
-        if key != "code_version" and manifest.get(key) != found.get(key):
-            difference = f"{key} is {found.get(key)} there, {manifest.get(key)} now"
-            raise DataError(f"{directory}: made with another configuration: {difference}")
+    differences = [
+        f"{key} is {found.get(key)} there, {manifest.get(key)} now"
+        for key in sorted(manifest.keys() | found.keys())
+        if key != "code_version" and manifest.get(key) != found.get(key)
+    ]
+    if differences:
+        raise DataError(f"{directory}: made with another configuration: {'; '.join(differences)}")
 
 
 def _code_version() -> str:

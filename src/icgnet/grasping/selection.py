@@ -24,7 +24,7 @@ def highest_grasp(
 ) -> int | None:
     """Index of the highest grasp among those above the first score of the ladder that any exceeds.
 
-    Paper: "Real-World Experiments": 0.9, then 0.8, then 0.7. Grasps from above disturb the fewest neighbours.
+    Paper: "Real World Experiments": 0.9, then 0.8, then 0.7. Grasps from above disturb the fewest neighbours.
 
     Args:
         grasps: candidates without collisions.

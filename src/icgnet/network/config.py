@@ -70,6 +70,8 @@ class NetworkConfig:
     position_scale: Literal["cloud", "workspace"] = "workspace"
     """What the positional encoding is normalised by: bounds of the visible cloud (published) or the fixed workspace."""
     fourier_scale: float = 2.0
+    seeded_masks: bool = True
+    """Whether a query's mask also depends on where the query was seeded, or on the features alone (published)."""
     classes: int = 7
     """Real classes; the class head has one more logit, the last, for no object."""
 
@@ -137,6 +139,7 @@ NETWORKS = {
         name="paper",
         visibility=False,
         position_scale="cloud",
+        seeded_masks=False,
         decoder_stages="all",
         affordance="contact",
     ),

@@ -12,6 +12,9 @@ from icgnet.network.neighbours import farthest_points
 from icgnet.network.positional import Bounds, FourierEncoding
 from icgnet.network.tokens import Tokens, token_widths
 
+BALL_OFFSET, BALL_SIZE = 0.05, 0.03
+"""Units of a seeded mask's offset and size [m]: about the size of the objects."""
+
 
 @dataclass(frozen=True, eq=False)
 class StageOutput:
@@ -35,8 +38,24 @@ def attention_blocks(mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshol
     return blocked & ~blocked.all(1, keepdim=True)
 
 
+@dataclass(frozen=True, eq=False)
+class MaskScene:
+    """What all mask predictions of a scene share."""
+
+    features: Float[Tensor, "v c"]
+    """Projected features of the finest tokens."""
+    positions: Float[Tensor, "v 3"]
+    """Of the finest tokens [m, workspace frame]."""
+    seeds: Float[Tensor, "q 3"]
+    """Where the queries were seeded [m, workspace frame]."""
+
+
 class MaskHead(nn.Module):
-    """Mask logits: dot product of an embedding of the query with a projection of the finest tokens."""
+    """Mask logits: dot product of an embedding of the query with a projection of the finest tokens.
+
+    Differs with `seeded_masks`: the tokens' positional encoding is projected, too, and a ball around the seed, moved
+    and sized by the query, is added. Features alone cannot tell two alike objects apart before much training.
+    """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -44,10 +63,37 @@ class MaskHead(nn.Module):
         self.project = nn.Linear(token_widths(config)[-1], width)
         self.norm = nn.LayerNorm(width)
         self.embed = nn.Sequential(*(ResidualBlock(width, width) for _ in range(3)), nn.Linear(width, width))
+        self.place = nn.Linear(width, width, bias=False) if config.seeded_masks else None
+        self.ball = nn.Linear(width, 4) if config.seeded_masks else None
+        if self.ball is not None:
+            nn.init.zeros_(self.ball.weight)
+            nn.init.zeros_(self.ball.bias)
 
-    def forward(self, queries: Float[Tensor, "q c"], projected: Float[Tensor, "v c"]) -> Float[Tensor, "v q"]:
-        """`projected` is `self.project(finest token features)`, computed once for all stages."""
-        return projected @ self.embed(self.norm(queries)).t()
+    def prepare(self, tokens: Tokens, places: Float[Tensor, "v c"], seeds: Float[Tensor, "q 3"]) -> MaskScene:
+        """What the stages share, from the finest tokens and their positional encoding."""
+        features = self.project(tokens.features)
+        if self.place is not None:
+            features = features + self.place(places)
+        return MaskScene(features, tokens.positions, seeds)
+
+    def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
+        """Logits of the masks of the queries."""
+        queries = self.norm(queries)
+        logits = scene.features @ self.embed(queries).t()
+        return logits if self.ball is None else logits + ball_logits(self.ball(queries), scene)
+
+
+def ball_logits(balls: Float[Tensor, "q 4"], scene: MaskScene) -> Float[Tensor, "v q"]:
+    """Logits that fall from 1 at a centre through 0 at the ball's radius.
+
+    Args:
+        balls: offset of the centre from the seed in units of 5 cm, and logarithm of the size in units of 3 cm.
+        scene: positions of voxels and seeds.
+    """
+    centres = scene.seeds + BALL_OFFSET * balls[:, :3]
+    sizes = BALL_SIZE * balls[:, 3].clamp(-1.5, 1.5).exp()
+    distances = (scene.positions[:, None] - centres).square().sum(2)
+    return 1.0 - 0.5 * distances / sizes.square()
 
 
 class RefinementStage(nn.Module):
@@ -127,9 +173,9 @@ class QueryRefinement(nn.Module):
         finest = levels[-1]
         positions = finest.positions[farthest_points(finest.positions, self.config.queries)]
         encoded = encoding(positions, bounds)
-        projected = self.mask_head.project(finest.features)
+        scene = self.mask_head.prepare(finest, encoding(finest.positions, bounds), positions)
         queries = self.content
-        outputs = [self._predict(0, queries, encoded, projected)]
+        outputs = [self._predict(0, queries, encoded, scene)]
         for index, (stage, tokens) in enumerate(zip(self.stages, levels, strict=True)):
             blocked = attention_blocks(outputs[-1].mask_logits, tokens, self.config.attention_threshold)
             features, places = tokens.features, encoding(tokens.positions, bounds)
@@ -139,15 +185,15 @@ class QueryRefinement(nn.Module):
                 features, places, blocked = features[kept], places[kept], blocked[:, kept]
                 blocked = blocked & ~blocked.all(1, keepdim=True)
             queries = stage(queries, encoded, features, places, blocked)
-            outputs.append(self._predict(index + 1, queries, encoded, projected))
+            outputs.append(self._predict(index + 1, queries, encoded, scene))
         return positions, tuple(outputs)
 
-    def _predict(self, index: int, queries: Tensor, encoded: Tensor, projected: Tensor) -> StageOutput:
+    def _predict(self, index: int, queries: Tensor, encoded: Tensor, scene: MaskScene) -> StageOutput:
         class_logits = self.class_head(queries)
         decoded = index in self.config.decoded_stages
         return StageOutput(
             queries=queries,
-            mask_logits=self.mask_head(queries, projected),
+            mask_logits=self.mask_head(queries, scene),
             class_logits=class_logits,
             affordance_queries=self.affordance(queries, encoded, class_logits) if decoded else None,
         )

@@ -183,12 +183,21 @@ class UpConv(nn.Module):
 
 
 class VoxelBatchNorm(nn.BatchNorm1d):
-    """Batch normalisation over voxels; a level with a single voxel has no variance and uses the running statistics."""
+    """Batch normalisation over voxels, also for single scenes.
+
+    The running statistics are the plain mean over the first batches and forget at `momentum` only after 1 / momentum of
+    them, so that evaluation early in training is not spoilt by where they started. A level with a single voxel has no
+    variance and is normalised by the running statistics.
+    """
 
     def forward(self, input: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
         """Normalised features."""
-        if self.training and len(input) == 1:
-            return nn.functional.batch_norm(
-                input, self.running_mean, self.running_var, self.weight, self.bias, False, 0.0, self.eps
-            )
-        return super().forward(input)
+        batch, share = self.training and len(input) > 1, 0.0
+        if batch:
+            assert self.num_batches_tracked is not None
+            assert self.momentum is not None
+            self.num_batches_tracked.add_(1)
+            share = max(self.momentum, 1.0 / int(self.num_batches_tracked))
+        return nn.functional.batch_norm(
+            input, self.running_mean, self.running_var, self.weight, self.bias, batch, share, self.eps
+        )

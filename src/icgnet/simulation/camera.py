@@ -8,7 +8,6 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Int
 
-from icgnet.errors import InputError
 from icgnet.geometry.camera import check_intrinsics, pixel_rays
 from icgnet.geometry.transforms import check_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
@@ -45,13 +44,8 @@ class SceneRenderer:
             triangles: corners in the world frame [m]; see `icgnet.simulation.scene.scene_triangles`.
             owners: object index of each triangle.
             table_height: height of the table plane [m], None for no table.
-
-        Raises:
-            InputError: triangles and owners do not belong together.
         """
         triangles = np.asarray(triangles, np.float32)
-        if triangles.shape[1:] != (3, 3) or len(triangles) != len(owners):
-            raise InputError(f"triangles must be [t 3 3] with t owners, got {triangles.shape} and {len(owners)}")
         self._owners = np.asarray(owners, np.int64)
         self._table_height = table_height
         self._corners = triangles.reshape(-1, 3).astype(np.float64)

@@ -51,7 +51,7 @@ def sample_contacts(meshes: list[trimesh.Trimesh], count: int, rng: np.random.Ge
     """
     shares = np.full(len(meshes), count // len(meshes))
     shares[rng.permutation(len(meshes))[: count % len(meshes)]] += 1
-    return _concatenate([_sample_object(mesh, i, shares[i], rng) for i, mesh in enumerate(meshes)])
+    return _concatenate([_sample_object(mesh, i, int(shares[i]), rng) for i, mesh in enumerate(meshes)])
 
 
 def _sample_object(mesh: trimesh.Trimesh, index: int, count: int, rng: np.random.Generator) -> Contacts:

@@ -5,12 +5,14 @@ import os
 import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import nn
 
 from icgnet.errors import DataError
+
+Network = TypeVar("Network", bound=nn.Module)
 
 CHECKPOINT_FILE = "checkpoint.pt"
 FORMAT = 1
@@ -35,10 +37,10 @@ class Progress:
     finished: bool = False
 
 
-class WeightAverage:
+class WeightAverage(Generic[Network]):
     """Exponential moving average of a network's weights and normalisation statistics."""
 
-    def __init__(self, network: nn.Module, decay: float) -> None:
+    def __init__(self, network: Network, decay: float) -> None:
         self.network = copy.deepcopy(network).eval().requires_grad_(False)
         self.decay = decay
 

@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from icgnet.errors import DataError, InputError
 from icgnet.network.config import NETWORKS
@@ -100,8 +100,7 @@ class TrainingConfig:
         weight_decay: of AdamW.
         gradient_clip: largest norm of the gradient; 0 means no limit.
         average_decay: of the exponential moving average of the weights, which is validated and shipped.
-        precision: "bf16-dense" computes the dense U-Net's forward pass in bfloat16, "bf16-mixed" all of it where that is
-            safe; the dense U-Net is where it pays, and nothing there depends on exact positions.
+        bfloat16: compute the forward pass of the U-Nets in 16 bits; pays on processors and cards that can.
         threads: of the computation, in each process that trains.
         workers: processes that prepare samples; 0 prepares them in between the steps.
         log_seconds: time between two lines about training [s].
@@ -124,7 +123,7 @@ class TrainingConfig:
     weight_decay: float = 0.01
     gradient_clip: float = 3.0
     average_decay: float = 0.995
-    precision: Literal["32-true", "bf16-dense", "bf16-mixed"] = "bf16-dense"
+    bfloat16: bool = True
     threads: int = 2
     workers: int = 1
     log_seconds: float = 20.0
@@ -155,6 +154,7 @@ TRAININGS = {
         batch=2,
         warmup_steps=2,
         average_decay=0.9,
+        bfloat16=False,
         threads=1,
         workers=0,
         validation_scenes=2,
@@ -188,13 +188,13 @@ CONFIG_FILE = "config.json"
 INDIFFERENT = (
     "training.threads",
     "training.workers",
-    "training.precision",
+    "training.bfloat16",
     "training.log_seconds",
     "training.checkpoint_minutes",
     "data.scenes",
     "data.validation_scenes",
 )
-"""What may change between the legs of a run: how fast it trains, how often it reports, and a data set that has grown."""
+"""What may change between the legs of a run: how fast it trains, how often it reports, and data that have grown."""
 
 
 def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
@@ -230,7 +230,9 @@ def training_record(config: TrainingConfig, data: dict[str, Any]) -> dict[str, A
 def _flatten(content: Any, prefix: str = "") -> dict[str, Any]:
     if not isinstance(content, dict):
         return {prefix: content}
-    return {key: value for name, inner in content.items() for key, value in _flatten(inner, _join(prefix, name)).items()}
+    return {
+        key: value for name, inner in content.items() for key, value in _flatten(inner, _join(prefix, name)).items()
+    }
 
 
 def _join(prefix: str, name: str) -> str:

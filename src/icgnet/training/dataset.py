@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import KDTree
 from torch.utils.data import Dataset, Sampler
 
@@ -194,7 +194,9 @@ def load_assets(recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]) ->
     keys = sorted({(recipe.object_set, each.name) for recipe in recipes for each in recipe.scene().objects})
     missing = sorted({name for name, _ in keys} - object_sets.keys())
     if missing:
-        raise DataError(f"the recipes need the object sets {', '.join(missing)}; given: {', '.join(object_sets) or 'none'}")
+        raise DataError(
+            f"the recipes need the object sets {', '.join(missing)}; given: {', '.join(object_sets) or 'none'}"
+        )
     return {(set_name, key): _load_object(object_sets[set_name], key) for set_name, key in keys}
 
 
@@ -278,7 +280,7 @@ class DrawnContacts:
     normals: Float[np.ndarray, "g 3"]
     instances: Int[np.ndarray, "g"]
     seen: Bool[np.ndarray, "g"]
-    labels: Int[np.ndarray, "g a"]
+    labels: UInt8[np.ndarray, "g a"]
     widths: Float[np.ndarray, "g"]
 
 
@@ -299,7 +301,7 @@ def _draw_contacts(
     usable = np.flatnonzero((instances >= 0) & contains(positions))
     seen = is_seen(positions[usable], normals[usable], cloud, viewpoint)
     if sampling.balanced_contacts:
-        chosen = choose_contacts(labels[usable].any(axis=1), seen, sampling.contacts, sampling.seen_share, rng)
+        chosen = choose_contacts(np.any(labels[usable], axis=1), seen, sampling.contacts, sampling.seen_share, rng)
     else:
         chosen = rng.permutation(len(usable))[: sampling.contacts]
     index, seen = usable[chosen], seen[chosen]

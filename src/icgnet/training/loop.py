@@ -100,22 +100,18 @@ class Trainer:
         self, config: TrainingConfig, dataset: RecipeDataset, validation: list[Sample], out: Path, report: Report
     ) -> None:
         self.config, self.dataset, self.validation, self.out, self.report = config, dataset, validation, out, report
-        precision = "bf16-mixed" if config.precision == "bf16-mixed" else "32-true"
-        self.fabric = Fabric(devices="auto", accelerator="auto", precision=precision)
+        self.fabric = Fabric(devices="auto", accelerator="auto")
         self.fabric.launch()
         torch.manual_seed(config.seed)
         self.network = IcgNet(NETWORKS[config.network])
         self.average = WeightAverage(self.network, config.average_decay)
-        if config.precision == "bf16-dense":
-            autocast = torch.autocast(self.fabric.device.type, torch.bfloat16)
-            self.network.dense.forward = autocast(self.network.dense.forward)
         optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
         self.progress = Progress()
         if self.checkpoint_path.is_file():
             self.progress = load_checkpoint(self.checkpoint_path, self.network, self.average, optimizer)
-        loss = TrainingLoss(self.network, config.loss, config.matching)
+        loss = TrainingLoss(self.network, config.loss, config.matching, config.bfloat16)
         self.loss, self.optimizer = self.fabric.setup(loss, optimizer)
         self.average.network.to(self.fabric.device)
         self.validation = [sample.to(self.fabric.device) for sample in validation]
@@ -219,9 +215,7 @@ class Trainer:
 
     def _save(self) -> None:
         if self.fabric.is_global_zero:
-            save_checkpoint(
-                self.checkpoint_path, self.progress, self.network, self.average, self.optimizer
-            )
+            save_checkpoint(self.checkpoint_path, self.progress, self.network, self.average, self.optimizer)
 
     def _save_weights(self, name: str, metrics: dict[str, float]) -> None:
         if self.fabric.is_global_zero:

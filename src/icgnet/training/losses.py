@@ -73,13 +73,16 @@ PUBLISHED = LossWeights(
 class TrainingLoss(nn.Module):
     """The network together with its loss, so that one forward call serves any number of devices."""
 
-    def __init__(self, network: IcgNet, weights: LossWeights, costs: MatchingCosts) -> None:
+    def __init__(self, network: IcgNet, weights: LossWeights, costs: MatchingCosts, bfloat16: bool = False) -> None:
+        """`bfloat16` computes the U-Nets in 16 bits."""
         super().__init__()
-        self.network, self.weights, self.costs = network, weights, costs
+        self.network, self.weights, self.costs, self.bfloat16 = network, weights, costs, bfloat16
 
     def forward(self, samples: list[Sample]) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss to minimise and the mean of every unweighted term over the scenes."""
-        embeddings = self.network.encode([sample.input for sample in samples])
+        device = samples[0].classes.device
+        with torch.autocast(device.type, torch.bfloat16, enabled=self.bfloat16):
+            embeddings = self.network.encode([sample.input for sample in samples])
         scenes = [self._scene_terms(embedding, sample) for embedding, sample in zip(embeddings, samples, strict=True)]
         total = torch.stack([weighted_sum(terms, self.weights) for terms in scenes]).mean()
         names = sorted({name for terms in scenes for name in terms})

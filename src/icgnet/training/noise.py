@@ -121,7 +121,9 @@ def apply_gain(depth: Float[np.ndarray, "h w"], relative: float, rng: np.random.
     return depth * rng.gamma(relative**-2, relative**2)
 
 
-def add_error_field(depth: Float[np.ndarray, "h w"], sigma: float, rng: np.random.Generator) -> Float[np.ndarray, "h w"]:
+def add_error_field(
+    depth: Float[np.ndarray, "h w"], sigma: float, rng: np.random.Generator
+) -> Float[np.ndarray, "h w"]:
     """Depth plus a smooth Gaussian field: drawn at a quarter of the resolution, interpolated with cubics.
 
     Source: the additive part of the Dex-Net 2.0 depth noise; sigma 5 mm there.

@@ -15,7 +15,7 @@ from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
 from icgnet.prediction import DetectedObject, Prediction
 from icgnet.viewer.annotate import Label, draw_score_scale, shorten, text_width, write, write_labels
-from icgnet.viewer.describe import SEPARATOR, best_per_object, object_name, object_top, summary
+from icgnet.viewer.describe import SEPARATOR, best_per_object, object_name, object_top, points_on_table, summary
 from icgnet.viewer.palette import QUIET_INK, instance_colour, instance_colours, score_colours
 from icgnet.viewer.render import Table, render
 from icgnet.viewer.triangles import Triangles, disc_triangles, hand_triangles, join, mesh_triangles, moved
@@ -32,8 +32,6 @@ DEFAULT_AZIMUTH = np.deg2rad(-60.0)
 LARGEST_CLOUD = 25_000
 """More points than this are thinned out before they are drawn."""
 GRASPS_PER_OBJECT, MOST_GRASPS = 2, 12
-VIEWED_ABOVE_TABLE = 0.002
-"""Points lower than this above the table [m] are the table, which is drawn anyway."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class SceneDrawing:
 
     Attributes:
         triangles: meshes, hands and clouds.
-        labels: names at points in space: text, point [m], colour.
+        labels: names at points in space.
         view: where from.
         table: what everything stands on; None for nothing.
     """
@@ -91,7 +89,7 @@ def prediction_picture(prediction: Prediction, title: str | None = None) -> Imag
     shape = (height - TITLE_HEIGHT, width // 2)
     T_table_frame = invert_transform(prediction.T_frame_table)
     grasps = prediction.grasps.transformed(T_table_frame)
-    observed, assigned = _cloud_above_table(prediction, T_table_frame)
+    observed, assigned = points_on_table(prediction, LARGEST_CLOUD)
     shapes = [moved(_object_shape(item), T_table_frame) for item in prediction.objects]
     hands_left = _hands(best_per_object(grasps, 1), prediction.gripper)
     hands_right = _hands(best_per_object(grasps, GRASPS_PER_OBJECT).select(slice(0, MOST_GRASPS)), prediction.gripper)
@@ -132,16 +130,6 @@ def _write_words(picture: Image.Image, prediction: Prediction, title: str | None
 def _viewpoint(prediction: Prediction, T_table_frame: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"] | None:
     viewpoint = prediction.cloud.viewpoint
     return None if viewpoint is None else transform_points(T_table_frame, viewpoint)
-
-
-def _cloud_above_table(
-    prediction: Prediction, T_table_frame: Float[np.ndarray, "4 4"]
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
-    """Points above the table, table frame, and their instances; thinned out evenly when there are many."""
-    points = transform_points(T_table_frame, prediction.cloud.points)
-    above = np.flatnonzero(points[:, 2] > TABLE_HEIGHT + VIEWED_ABOVE_TABLE)
-    kept = above[:: max(1, -(-len(above) // LARGEST_CLOUD))]
-    return points[kept], prediction.cloud_instances[kept]
 
 
 def _cloud_discs(

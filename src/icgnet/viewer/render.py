@@ -256,4 +256,6 @@ class _Hits:
 
 
 def _unit(vectors: Float[np.ndarray, "*r 3"]) -> Float[np.ndarray, "*r 3"]:
-    return vectors / np.sqrt(np.einsum("...d,...d->...", vectors, vectors))[..., None]
+    length = np.sqrt(np.einsum("...d,...d->...", vectors, vectors))
+    # The normals of triangles without an area are zero, and stay it.
+    return vectors / np.maximum(length, 1e-12)[..., None]

@@ -12,12 +12,13 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
 from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction, load_prediction
-from icgnet.viewer.describe import best_per_object, object_name, object_top, summary
+from icgnet.viewer.describe import best_per_object, object_name, object_top, points_on_table, summary
 from icgnet.viewer.palette import instance_colour, score_colours, to_bytes
 from icgnet.viewer.triangles import hand_mesh, slim_hand_mesh
 from icgnet.viewer.view import framing_view
 
 HANDS_PER_OBJECT = 20
+LARGEST_CLOUD = 100_000
 SHOWN_AT_FIRST = 2
 POINT_SIZE = 0.002
 VIEW_AZIMUTH, VIEW_ELEVATION = np.deg2rad(-60.0), np.deg2rad(40.0)
@@ -68,7 +69,7 @@ class WebViewer:
         self._set_up_page(prediction)
         self._add_controls(prediction)
         with server.gui.add_folder("Objects"):
-            self._parts = {item.instance_id: self._add_object(item, prediction) for item in prediction.objects}
+            self._parts = {item.instance_id: self._add_object(item) for item in prediction.objects}
         self._add_stray_points(prediction)
         self._hands = self._add_hands(prediction.grasps.transformed(self._T_table_frame), prediction.gripper)
         self._update()
@@ -92,7 +93,7 @@ class WebViewer:
         return sum(hand.slim.visible or hand.whole.visible for hand in self._hands)
 
     def _set_up_page(self, prediction: Prediction) -> None:
-        server, points = self.server, transform_points(self._T_table_frame, prediction.cloud.points)
+        server, (points, _) = self.server, points_on_table(prediction, LARGEST_CLOUD)
         if not len(points):
             points = np.array([[0.0, 0.0, TABLE_HEIGHT], [0.3, 0.3, 0.2]])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -129,7 +130,7 @@ class WebViewer:
         for control in (self._threshold, self._count, self._whole, self._clouds, self._shapes, self._labels):
             control.on_update(lambda _: self._update())
 
-    def _add_object(self, item: DetectedObject, prediction: Prediction) -> _Parts:
+    def _add_object(self, item: DetectedObject) -> _Parts:
         scene, key = self.server.scene, item.instance_id
         colour = to_bytes(instance_colour(key))
         switch = self.server.gui.add_checkbox(object_name(item), True)
@@ -137,7 +138,9 @@ class WebViewer:
         mesh = item.mesh()
         return _Parts(
             switch,
-            self._add_points(f"/points/{key}", item.points, instance_colour(key)),
+            self._add_points(
+                f"/points/{key}", transform_points(self._T_table_frame, item.points), instance_colour(key)
+            ),
             scene.add_mesh_simple(
                 f"/shapes/{key}",
                 transform_points(self._T_table_frame, np.asarray(mesh.vertices)),
@@ -155,15 +158,19 @@ class WebViewer:
         )
 
     def _add_stray_points(self, prediction: Prediction) -> None:
-        stray = prediction.cloud.points[prediction.cloud_instances == NO_INSTANCE]
-        self._stray = self._add_points("/points/none", stray, instance_colour(NO_INSTANCE))
+        points, instances = points_on_table(prediction, LARGEST_CLOUD)
+        self._stray = self._add_points("/points/none", points[instances == NO_INSTANCE], instance_colour(NO_INSTANCE))
 
     def _add_points(
         self, name: str, points: Float[np.ndarray, "n 3"], colour: tuple[float, float, float]
     ) -> viser.PointCloudHandle:
-        moved = transform_points(self._T_table_frame, points).astype(np.float32)
         return self.server.scene.add_point_cloud(
-            name, moved, to_bytes(colour), point_size=POINT_SIZE, point_shape="circle", precision="float32"
+            name,
+            points.astype(np.float32),
+            to_bytes(colour),
+            point_size=POINT_SIZE,
+            point_shape="circle",
+            precision="float32",
         )
 
     def _add_hands(self, grasps: Grasps, gripper: Gripper) -> list[_Hand]:

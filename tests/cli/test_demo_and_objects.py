@@ -1,0 +1,44 @@
+"""`icgnet demo` and `icgnet objects check`."""
+
+import json
+
+import pytest
+import trimesh
+from tabletop_scenes import tiny_network
+
+from icgnet.cli import demo
+from icgnet.cli.main import main
+from icgnet.network.weights import save_weights
+
+
+@pytest.mark.slow
+def test_the_demo_writes_a_prediction_of_the_shipped_capture(tmp_path, capsys):
+    if not demo.CAPTURE.is_file():
+        pytest.skip("this checkout has no demo capture")
+    save_weights(tmp_path / "tiny.safetensors", tiny_network(), {})
+    out = tmp_path / "demo_output"
+    assert main(["demo", "--out", str(out), "--weights", str(tmp_path / "tiny.safetensors"), "--threads", "1"]) == 0
+    assert json.loads((out / "result.json").read_text())["frame_id"] == "world"
+    assert (out / "picture.png").is_file()
+    assert "icgnet view" in capsys.readouterr().out
+
+
+def test_a_missing_capture_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(demo, "CAPTURE", tmp_path / "demo.npz")
+    assert main(["demo", "--out", str(tmp_path / "out")]) == 2
+    assert "no demo capture" in capsys.readouterr().err
+
+
+def test_a_folder_of_sound_meshes_passes(tmp_path, capsys):
+    trimesh.creation.box([0.05, 0.04, 0.03]).export(tmp_path / "brick.ply")
+    assert main(["objects", "check", str(tmp_path), "--units", "m"]) == 0
+    assert "1 objects: 1 ok" in capsys.readouterr().out
+
+
+def test_a_broken_mesh_is_listed_and_exits_with_2(tmp_path, capsys):
+    trimesh.creation.box([0.05, 0.04, 0.03]).export(tmp_path / "brick.ply")
+    (tmp_path / "heap.obj").write_text("not a mesh")
+    assert main(["objects", "check", str(tmp_path), "--units", "m"]) == 2
+    captured = capsys.readouterr()
+    assert "heap" in captured.out
+    assert "1 of 2 objects" in captured.err

@@ -1,0 +1,68 @@
+"""`icgnet generate` and `icgnet train`, and what they say of broken data."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from icgnet.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory) -> Path:
+    """Two small labelled scenes of procedural objects."""
+    folder = tmp_path_factory.mktemp("data") / "scenes"
+    options = ["--scene", "packed", "--scenes", "2", "--contacts", "4"]
+    assert main(["generate", str(folder), *options, "--report", str(folder.parent / "report.json")]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_generate_writes_scenes_and_a_report(scenes):
+    assert json.loads((scenes.parent / "report.json").read_text())["scenes"] == 2
+    assert list(scenes.glob("*.parquet"))
+
+
+@pytest.mark.slow
+def test_train_writes_weights_that_predict_can_load(scenes, tmp_path):
+    from icgnet.predictor import Predictor
+
+    assert main(["train", "tiny", "--data", str(scenes), "--out", str(tmp_path / "run"), "--steps", "1"]) == 0
+    (weights,) = (tmp_path / "run").glob("weights_final.safetensors")
+    assert Predictor.load(weights).network.config.name == "tiny"
+
+
+@pytest.mark.slow
+def test_truncated_parquet_is_one_line_that_names_the_file(scenes, tmp_path, capsys):
+    broken = tmp_path / "scenes"
+    broken.mkdir()
+    for path in scenes.iterdir():
+        content = path.read_bytes()
+        (broken / path.name).write_bytes(content[: len(content) // 2] if path.suffix == ".parquet" else content)
+    assert main(["train", "tiny", "--data", str(broken), "--out", str(tmp_path / "run")]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert ".parquet" in err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["train", "tiny", "--data", "nowhere", "--out", "run"], "nowhere"),
+        (["train", "tiny", "--data", "a", "--out", "run", "--minutes", "1", "--steps", "2"], "not both"),
+        (["generate", "out", "--objects", "nowhere"], "nowhere"),
+        (["generate", "out", "--scenes", "0"], "scenes must be at least 1, got 0"),
+        (["generate", "out", "--contacts", "0"], "contacts must be at least 1, got 0"),
+        (["objects", "check", "nowhere"], "nowhere"),
+        (["view", "nowhere"], "nowhere"),
+    ],
+)
+def test_wrong_use_is_one_line_and_leaves_nothing(arguments, named, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert named in err
+    assert list(tmp_path.iterdir()) == []
