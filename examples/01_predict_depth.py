@@ -1,7 +1,7 @@
 """From a depth image to the best grasp.
 
-    python examples/01_predict_depth.py            # the capture that ships with the package
-    python examples/01_predict_depth.py view.npz   # your own: depth [m], K and, if known, camera_pose
+python examples/01_predict_depth.py            # the capture that ships with the package
+python examples/01_predict_depth.py view.npz   # your own: depth [m], K and, if known, camera_pose
 """
 
 import sys
@@ -17,8 +17,7 @@ DEMO = Path(icgnet.__file__).parent / "captures" / "demo.npz"
 
 def main(path: Path = DEMO) -> None:
     capture = np.load(path)
-    pose = capture["camera_pose"] if "camera_pose" in capture else None
-    result = Predictor.load().predict_depth(capture["depth"], capture["K"], pose)
+    result = Predictor.load().predict_depth(capture["depth"], capture["K"], capture.get("camera_pose"))
 
     for item in result.objects:
         print(f"object {item.instance_id}: {item.class_name}, {len(item.points)} points")

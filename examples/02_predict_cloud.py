@@ -1,6 +1,6 @@
 """From a point cloud in the robot's frame to grasps for the robot's hand link.
 
-    python examples/02_predict_cloud.py
+python examples/02_predict_cloud.py
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Grasps of one class of objects only, with the complete shape of what is to be picked.
 
-    python examples/03_pick_a_class.py bottle
+python examples/03_pick_a_class.py bottle
 """
 
 import sys

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from tabletop_scenes import tiny_network
 
 from icgnet.geometry.clouds import PointCloud
 from icgnet.instances import EncodedWindow, Instance, encode_windows, instances_of, keep_one_of_each
 from icgnet.tabletop import Tabletop
 from icgnet.windows import Window
+from tabletop_scenes import tiny_network
 
 
 @pytest.fixture(scope="module")

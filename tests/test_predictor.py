@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from tabletop_scenes import INTRINSICS, SHAPE, THREE_BOXES, WIDE_ROW, camera_pose, depth_image, tiny_network
 
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import unproject
@@ -17,6 +16,7 @@ from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights import save_weights
 from icgnet.prediction import NO_INSTANCE, Prediction, load_prediction
 from icgnet.predictor import Predictor
+from tabletop_scenes import INTRINSICS, SHAPE, THREE_BOXES, WIDE_ROW, camera_pose, depth_image, tiny_network
 
 QUICK = GraspSearch(contacts=96, max_checked=240, resample=False)
 

@@ -109,9 +109,7 @@ def from_above(ball: int, direction: np.ndarray) -> Grasps:
     width = np.array([2 * RADIUS])
     poses = grasp_poses(contact[None], direction[None], width)[0]
     vertical = int(poses[:, 2, 2].argmin())
-    return Grasps(
-        poses[[vertical]], width, np.array([0.9]), np.array([ball]), contact[None], np.array([vertical])
-    )
+    return Grasps(poses[[vertical]], width, np.array([0.9]), np.array([ball]), contact[None], np.array([vertical]))
 
 
 def check(grasps: Grasps, shapes: list[Shape], tabletop: Tabletop) -> tuple[Grasps, dict[str, int]]:

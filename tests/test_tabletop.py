@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image
 
 from icgnet.errors import InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
@@ -10,6 +9,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import invert_transform, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.tabletop import find_tabletop
+from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image
 
 
 @pytest.fixture(scope="module")

@@ -58,9 +58,7 @@ class Contacts:
         )
 
 
-def seen_contacts(
-    tabletop: Tabletop, instances: Sequence[Instance], budget: int, rng: np.random.Generator
-) -> Contacts:
+def seen_contacts(tabletop: Tabletop, instances: Sequence[Instance], budget: int, rng: np.random.Generator) -> Contacts:
     """Contacts among the points that the camera saw.
 
     Args:
@@ -80,9 +78,7 @@ def seen_contacts(
     return Contacts.concatenate(parts)
 
 
-def surface_contacts(
-    shapes: Sequence[Shape], budget: int, rng: np.random.Generator
-) -> Contacts:
+def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Generator) -> Contacts:
     """Contacts on the predicted surfaces, also where the camera saw nothing.
 
     Paper: resampling of unobserved points for views from above. Differs: points are drawn evenly from the extracted

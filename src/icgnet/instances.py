@@ -10,14 +10,13 @@ from icgnet.geometry.visibility import visibility_grid
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.inputs import make_scene_input
+from icgnet.network.instances import select_instances
 from icgnet.objects.classes import CLASSES
 from icgnet.tabletop import Tabletop
 from icgnet.windows import Window, owners
 
 BATCH = 4
 """Windows that are encoded at once."""
-FEWEST_VOXELS = 15
-"""An instance with fewer voxels is a scrap."""
 DUPLICATE_OVERLAP = 0.5
 """Two instances that share more than this part of the smaller one's points are the same object."""
 
@@ -47,7 +46,7 @@ class Instance:
         view: the window that it was found in.
         query: the network's query for it.
         class_name: most probable class.
-        class_score: probability of that class.
+        class_score: probability of that class, given that it is an object.
         rows: its points in the tabletop's cloud.
     """
 
@@ -94,23 +93,18 @@ def find_instances(views: list[EncodedWindow], points: Float[np.ndarray, "n 3"])
 
 
 def instances_of(view: EncodedWindow) -> list[Instance]:
-    """The objects that one window shows: every voxel goes to the query that claims it most.
+    """The objects that one window shows.
 
-    Paper: instance masks from the queries. Queries that say "no object" claim nothing.
+    Paper: instance masks and classes from the queries.
     """
     output = view.embedding.stages[-1]
-    probabilities = torch.softmax(output.class_logits, dim=1).numpy()
-    queries = np.flatnonzero(probabilities.argmax(axis=1) < len(CLASSES))
-    if len(queries) == 0:
-        return []
-    query_of_voxel = queries[output.mask_logits.numpy()[:, queries].argmax(axis=1)]
+    found = select_instances(output)
     instances = []
-    for query in queries:
-        if (query_of_voxel == query).sum() < FEWEST_VOXELS:
-            continue
-        class_id = int(probabilities[query, : len(CLASSES)].argmax())
-        rows = view.rows[query_of_voxel[view.point_to_voxel] == query]
-        instances.append(Instance(view, int(query), CLASSES[class_id], float(probabilities[query, class_id]), rows))
+    for query, mask in zip(found.queries.tolist(), found.masks.numpy(), strict=True):
+        probabilities = torch.softmax(output.class_logits[query, : len(CLASSES)], dim=0)
+        class_id = int(probabilities.argmax())
+        rows = view.rows[mask[view.point_to_voxel]]
+        instances.append(Instance(view, query, CLASSES[class_id], float(probabilities[class_id]), rows))
     return instances
 
 

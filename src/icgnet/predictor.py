@@ -19,8 +19,9 @@ from icgnet.geometry.transforms import check_transform
 from icgnet.grasp_search import GraspSearch
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.instances import FEWEST_VOXELS, encode_windows, find_instances
+from icgnet.instances import encode_windows, find_instances
 from icgnet.network.icgnet import IcgNet
+from icgnet.network.instances import FEWEST_VOXELS
 from icgnet.network.weights import load_weights
 from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.shapes import Shape
@@ -40,9 +41,7 @@ class Predictor:
         seed: of everything that is drawn; the same input then gives the same result.
     """
 
-    def __init__(
-        self, network: IcgNet, gripper: Gripper, search: GraspSearch = GraspSearch(), seed: int = 0
-    ) -> None:
+    def __init__(self, network: IcgNet, gripper: Gripper, search: GraspSearch = GraspSearch(), seed: int = 0) -> None:
         self.network = network.eval()
         self.gripper = gripper
         self.search = search
@@ -78,9 +77,7 @@ class Predictor:
         network, _ = load_weights(DEFAULT_WEIGHTS if weights is None else weights)
         return Predictor(network, load_gripper(gripper), search, seed)
 
-    def predict_cloud(
-        self, points: Any, viewpoint: Any = None, table_height: float | None = None
-    ) -> Prediction:
+    def predict_cloud(self, points: Any, viewpoint: Any = None, table_height: float | None = None) -> Prediction:
         """Objects and grasps in a cloud, in the frame of the cloud.
 
         Args:

@@ -4,11 +4,11 @@ import json
 
 import pytest
 import trimesh
-from tabletop_scenes import tiny_network
 
 from icgnet.cli import demo
 from icgnet.cli.main import main
 from icgnet.network.weights import save_weights
+from tabletop_scenes import tiny_network
 
 
 @pytest.mark.slow

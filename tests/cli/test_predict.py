@@ -11,11 +11,11 @@ import trimesh
 from PIL import Image
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
-from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image, tiny_network
 
 from icgnet.cli.main import main
 from icgnet.geometry.camera import unproject
 from icgnet.network.weights import save_weights
+from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image, tiny_network
 
 QUICK = ["--contacts", "48", "--max-checked", "96", "--no-resample", "--threads", "1"]
 FOCAL = [str(x) for x in (INTRINSICS[0, 0], INTRINSICS[1, 1], INTRINSICS[0, 2], INTRINSICS[1, 2])]
@@ -119,7 +119,10 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
         "unknown object": ([view, "--instance", "77"], "no object 77"),
         "region upside down": ([view, "--region", "0", "0", "1", "1", "1", "0"], "lower <= upper"),
         "broken weights": ([view, "--weights", str(folder / "broken.safetensors")], "broken.safetensors"),
-        "weights of another configuration": ([view, "--weights", str(folder / "other.safetensors")], "of another shape"),
+        "weights of another configuration": (
+            [view, "--weights", str(folder / "other.safetensors")],
+            "of another shape",
+        ),
         "unknown gripper": ([view, "--gripper", "tweezers"], "'tweezers'"),
         "no threads": ([view, "--threads", "0"], "threads must be at least 1, got 0"),
         "score above 1": ([view, "--min-score", "3"], "between 0 and 1, got 3"),

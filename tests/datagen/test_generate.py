@@ -1,4 +1,5 @@
 import json
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -128,14 +129,19 @@ def test_parquet_files_without_a_manifest_are_not_mixed_with_new_ones(complete, 
         generate(tmp_path, CONFIG)
 
 
-def test_an_unknown_kind_lists_the_valid_ones():
-    with pytest.raises(InputError, match="packed, pile, both, got 'heap'"):
-        GenerateConfig(scene="heap")
-
-
-def test_an_unknown_split_lists_the_valid_ones():
-    with pytest.raises(InputError, match="train, val, test, got 'training'"):
-        GenerateConfig(split="training")
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("scene", "heap", "packed, pile, both, got 'heap'"),
+        ("split", "training", "train, val, test, got 'training'"),
+    ],
+)
+def test_an_unknown_kind_or_split_lists_the_valid_ones(field, value, message):
+    # Set behind the back of the type checker that the tests run with.
+    config = copy(CONFIG)
+    object.__setattr__(config, field, value)
+    with pytest.raises(InputError, match=message):
+        config.__post_init__()
 
 
 @pytest.mark.parametrize("change", [{"scenes": 0}, {"workers": 0}, {"seed": -1}])

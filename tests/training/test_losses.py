@@ -11,7 +11,7 @@ from icgnet.training.losses import (
     LossWeights,
     TrainingLoss,
     bce,
-    dice_loss,
+    dice_losses,
     segmentation_terms,
     weighted_sum,
     width_term,
@@ -34,25 +34,45 @@ def test_perfect_answers_cost_nothing():
     masks = torch.tensor([[1, 1, 0, 0], [0, 0, 1, 0]], dtype=torch.bool)
     mask_logits = torch.where(masks.T, 20.0, -20.0)
     class_logits = 20.0 * torch.nn.functional.one_hot(torch.tensor([2, 5]), 8).float()
-    terms = segmentation_terms(
-        mask_logits, class_logits, torch.tensor([0, 1]), masks, torch.tensor([2, 5]), LossWeights()
-    )
+    targets, classes = torch.tensor([0, 1]), torch.tensor([2, 5])
+    terms = segmentation_terms(mask_logits, class_logits, targets, masks, classes, LossWeights())
     assert {name: round(float(value), 4) for name, value in terms.items()} == {"class_": 0, "mask": 0, "dice": 0}
 
 
-def test_unmatched_queries_shall_say_no_object():
-    class_logits = torch.zeros(3, 8)
-    class_logits[1:, 7] = 10.0
-    masks = torch.ones(1, 4, dtype=torch.bool)
-    arguments = (torch.zeros(4, 3), torch.tensor([0]), masks, torch.tensor([2]), LossWeights())
-    quiet = segmentation_terms(arguments[0], class_logits, *arguments[1:])["class_"]
-    loud = segmentation_terms(arguments[0], -class_logits, *arguments[1:])["class_"]
-    assert loud > quiet
+def test_queries_without_an_object_shall_say_so():
+    masks, classes = torch.ones(1, 4, dtype=torch.bool), torch.tensor([2])
+    quiet = torch.zeros(3, 8)
+    quiet[1:, 7] = 10.0
+    costs = [
+        segmentation_terms(torch.zeros(4, 3), logits, torch.tensor([0, -1, -1]), masks, classes, LossWeights())[
+            "class_"
+        ]
+        for logits in (quiet, -quiet)
+    ]
+    assert costs[0] < costs[1]
+
+
+def test_every_instance_counts_the_same_however_many_queries_it_has():
+    masks = torch.tensor([[1, 1, 0, 0], [0, 0, 1, 1]], dtype=torch.bool)
+    right, wrong = torch.where(masks[0], 9.0, -9.0), torch.where(masks[1], -9.0, 9.0)
+    class_logits, classes = torch.zeros(4, 8), torch.tensor([0, 1])
+    mask_logits = torch.stack([right, right, right, wrong], 1)
+    terms = segmentation_terms(mask_logits, class_logits, torch.tensor([0, 0, 0, 1]), masks, classes, LossWeights())
+    assert float(terms["mask"]) == pytest.approx(4.5, abs=1e-2)
+
+
+def test_published_class_term_is_the_weighted_cross_entropy():
+    class_logits = torch.randn(4, 8, generator=torch.Generator().manual_seed(0))
+    masks, classes = torch.ones(2, 3, dtype=torch.bool), torch.tensor([2, 5])
+    terms = segmentation_terms(torch.zeros(3, 4), class_logits, torch.tensor([-1, 1, -1, 0]), masks, classes, PUBLISHED)
+    balance = torch.tensor([1.0] * 7 + [0.1])
+    expected = torch.nn.functional.cross_entropy(class_logits, torch.tensor([7, 5, 7, 2]), balance)
+    torch.testing.assert_close(terms["class_"], expected)
 
 
 def test_dice_of_a_hand_worked_case():
     # Probabilities 1, 1, 0, 0 against 1, 0, 0, 0, both smoothed by 1: 1 - 3/4.
-    loss = dice_loss(torch.tensor([[50.0, 50.0, -50.0, -50.0]]), torch.tensor([[1.0, 0.0, 0.0, 0.0]]))
+    loss = dice_losses(torch.tensor([[50.0, 50.0, -50.0, -50.0]]), torch.tensor([[1.0, 0.0, 0.0, 0.0]]))
     assert float(loss) == pytest.approx(0.25)
 
 

@@ -2,8 +2,8 @@ from itertools import permutations
 
 import torch
 
-from icgnet.training.losses import bce, dice_loss
-from icgnet.training.matching import MatchingCosts, dice_cost, mask_cost, match_queries
+from icgnet.training.losses import bce, dice_losses
+from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts, dice_cost, mask_cost, match_queries
 
 
 def random_problem(voxels=40, queries=5, instances=3):
@@ -20,13 +20,13 @@ def test_costs_are_the_losses_of_every_pair():
     for i, mask in enumerate(masks):
         for q in range(mask_logits.shape[1]):
             torch.testing.assert_close(mask_cost(mask_logits, masks)[i, q], bce(mask_logits[:, q], mask))
-            expected = dice_loss(mask_logits[None, :, q], mask[None].float())
+            expected = dice_losses(mask_logits[None, :, q], mask[None].float())[0]
             torch.testing.assert_close(dice_cost(mask_logits, masks)[i, q], expected)
 
 
 def test_assignment_is_the_cheapest_of_all():
     mask_logits, class_logits, masks, classes = random_problem()
-    costs = MatchingCosts()
+    costs = PUBLISHED_COSTS
     cost = 5 * mask_cost(mask_logits, masks) + 2 * dice_cost(mask_logits, masks)
     cost = cost - 10 * class_logits.softmax(-1)[:, classes].T
     cheapest = min(permutations(range(5), 3), key=lambda queries: sum(cost[i, q] for i, q in enumerate(queries)))
@@ -43,3 +43,13 @@ def test_perfect_masks_find_their_objects():
 def test_scene_without_instances_matches_nothing():
     mask_logits, class_logits, masks, classes = random_problem()
     assert len(match_queries(mask_logits, class_logits, masks[:0], classes[:0], MatchingCosts())) == 0
+
+
+def test_instance_gets_a_query_that_was_seeded_on_it():
+    mask_logits, class_logits, masks, classes = random_problem()
+    free = match_queries(mask_logits, class_logits, masks, classes, MatchingCosts())
+    others = [query for query in range(5) if query not in free.tolist()]
+    seeds = torch.full((5,), -1)
+    seeds[others[0]], seeds[others[1]] = 0, 1
+    bound = match_queries(mask_logits, class_logits, masks, classes, MatchingCosts(), seeds)
+    assert bound[:2].tolist() == others

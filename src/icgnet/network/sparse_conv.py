@@ -197,7 +197,7 @@ class VoxelBatchNorm(nn.BatchNorm1d):
             assert self.num_batches_tracked is not None
             assert self.momentum is not None
             self.num_batches_tracked.add_(1)
-            share = max(self.momentum, 1.0 / int(self.num_batches_tracked))
+            share = self.momentum
         return nn.functional.batch_norm(
             input, self.running_mean, self.running_var, self.weight, self.bias, batch, share, self.eps
         )

@@ -8,7 +8,7 @@ from typing import Any
 from icgnet.errors import DataError, InputError
 from icgnet.network.config import NETWORKS
 from icgnet.training.losses import PUBLISHED, LossWeights
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
 from icgnet.training.noise import NOISES, SensorNoise
 from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
 
@@ -116,15 +116,15 @@ class TrainingConfig:
     seed: int = 0
     steps: int | None = None
     minutes: float | None = 90.0
-    batch: int = 4
+    batch: int = 2
     learning_rate: float = 1e-3
     final_learning_rate: float = 0.01
-    warmup_steps: int = 100
+    warmup_steps: int = 200
     weight_decay: float = 0.01
-    gradient_clip: float = 3.0
-    average_decay: float = 0.995
+    gradient_clip: float = 5.0
+    average_decay: float = 0.998
     bfloat16: bool = True
-    threads: int = 2
+    threads: int = 1
     workers: int = 1
     log_seconds: float = 20.0
     validation_minutes: float = 6.0
@@ -173,6 +173,7 @@ TRAININGS = {
             contacts=128,
         ),
         loss=PUBLISHED,
+        matching=PUBLISHED_COSTS,
         steps=101250,
         minutes=None,
         batch=8,

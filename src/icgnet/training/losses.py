@@ -12,11 +12,10 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn import functional
 
-from icgnet.network.decoders import Affordance
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.training.matching import MatchingCosts, match_queries
-from icgnet.training.sample import Sample
+from icgnet.training.sample import NOTHING, Sample
 
 WIDTH_SCALE = 40.0
 """Widths are compared in units of 25 mm, so that their squares are comparable with the other terms."""
@@ -36,21 +35,23 @@ class LossWeights:
         width: squared error of the width.
         scene_occupancy: as `occupancy`, for the maximum over instances against the union.
         scene_grasp: as `grasp`, for the maximum over instances.
-        no_object: weight of unmatched queries in the class term.
+        no_object: weight in the class term of queries that shall say "no object".
+        seeded: every query learns the object that it was seeded on, instead of one query per object.
         every_instance: decode each contact with every instance (published) instead of its own only.
         divide_by_terms: divide the sum by the number of terms (published), instead of averaging over stages.
     """
 
     class_: float = 2.0
-    mask: float = 2.0
+    mask: float = 3.0
     dice: float = 2.0
-    occupancy: float = 4.0
-    grasp: float = 8.0
+    occupancy: float = 12.0
+    grasp: float = 10.0
     contact: float = 1.0
     width: float = 0.5
     scene_occupancy: float = 0.0
     scene_grasp: float = 0.0
-    no_object: float = 0.1
+    no_object: float = 0.3
+    seeded: bool = True
     every_instance: bool = False
     divide_by_terms: bool = False
 
@@ -65,6 +66,8 @@ PUBLISHED = LossWeights(
     width=1.0,
     scene_occupancy=2.0,
     scene_grasp=10.0,
+    no_object=0.1,
+    seeded=False,
     every_instance=True,
     divide_by_terms=True,
 )
@@ -92,9 +95,13 @@ class TrainingLoss(nn.Module):
     def _scene_terms(self, embedding: SceneEmbedding, sample: Sample) -> dict[str, Tensor]:
         """Every term of one scene, averaged over the stages that have it."""
         final, masks = embedding.stages[-1], sample.masks
-        queries = match_queries(final.mask_logits, final.class_logits, masks, sample.classes, self.costs)
+        seeds = seed_instances(embedding, sample) if self.weights.seeded else None
+        queries = match_queries(final.mask_logits, final.class_logits, masks, sample.classes, self.costs, seeds)
+        targets = torch.full_like(final.class_logits[:, 0], NOTHING, dtype=torch.int64) if seeds is None else seeds
+        if seeds is None:
+            targets[queries] = torch.arange(len(queries), device=targets.device)
         stages = [
-            segmentation_terms(stage.mask_logits, stage.class_logits, queries, masks, sample.classes, self.weights)
+            segmentation_terms(stage.mask_logits, stage.class_logits, targets, masks, sample.classes, self.weights)
             for stage in embedding.stages
         ]
         for stage in self.network.config.decoded_stages:
@@ -137,22 +144,20 @@ class TrainingLoss(nn.Module):
         self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
     ) -> dict[str, Tensor]:
         """Grasps of every instance at every contact; a contact of another instance is a failure there."""
-        answer = self._decode_pairs(embedding, sample, queries, stage)
+        logits, widths = self._decode_pairs(embedding, sample, queries, stage)
         own = sample.contact_instances[None] == torch.arange(len(queries), device=queries.device)[:, None]
         labels = sample.labels[None] * own[..., None]
         graspable = labels.flatten(1).any(1)
-        best = answer.logits.amax(0)
-        terms = {"scene_grasp": bce(best, sample.labels)}
+        terms = {"scene_grasp": bce(logits.amax(0), sample.labels)}
         if graspable.any():
-            terms["grasp"] = bce(answer.logits[graspable], labels[graspable])
-            widths = sample.widths.expand_as(answer.widths)
-            terms |= width_term(answer.widths, widths, labels.any(-1))
+            terms["grasp"] = bce(logits[graspable], labels[graspable])
+            terms |= width_term(widths, sample.widths.expand_as(widths), labels.any(-1))
         return terms
 
     def _decode_pairs(
         self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
-    ) -> Affordance:
-        """Affordance with logits [i g 12] and widths [i g]."""
+    ) -> tuple[Float[Tensor, "i g a"], Float[Tensor, "i g"]]:
+        """Logits and widths [m] of every instance at every contact."""
         count = len(sample.contacts)
         answer = self.network.decode_affordance(
             embedding,
@@ -162,38 +167,47 @@ class TrainingLoss(nn.Module):
             stage,
         )
         pairs = (len(queries), count)
-        values = (answer.logits, answer.widths, answer.contact_logits)
-        return Affordance(*(value.unflatten(0, pairs) for value in values))
+        return answer.logits.unflatten(0, pairs), answer.widths.unflatten(0, pairs)
+
+
+def seed_instances(embedding: SceneEmbedding, sample: Sample) -> Int[Tensor, "q"]:
+    """The instance on which each query was seeded, -1 for none."""
+    voxel = torch.cdist(embedding.query_positions, sample.input.positions).argmin(1)
+    return sample.voxel_instances[voxel]
 
 
 def segmentation_terms(
     mask_logits: Float[Tensor, "v q"],
     class_logits: Float[Tensor, "q k"],
-    queries: Int[Tensor, "i"],
+    targets: Int[Tensor, "q"],
     masks: Bool[Tensor, "i v"],
     classes: Int[Tensor, "i"],
     weights: LossWeights,
 ) -> dict[str, Tensor]:
-    """Class, mask and dice terms of one stage; unmatched queries shall say "no object".
+    """Class, mask and dice terms of one stage, in which every instance counts the same.
 
     Args:
         mask_logits: per voxel and query.
         class_logits: per query, no-object last.
-        queries: the query of every instance.
+        targets: the instance that each query shall stand for; -1 for none, then it shall say "no object".
         masks: which voxels belong to which instance.
         classes: class of every instance.
-        weights: for the weight of unmatched queries.
+        weights: for the weight of "no object".
     """
     none = class_logits.shape[1] - 1
-    target = torch.full((len(class_logits),), none, device=class_logits.device)
-    target[queries] = classes
-    balance = torch.ones(none + 1, device=class_logits.device)
-    balance[none] = weights.no_object
-    terms = {"class_": functional.cross_entropy(class_logits.float(), target, balance)}
-    if len(queries):
-        logits, wanted = mask_logits[:, queries].T.float(), masks.float()
-        terms["mask"] = bce(logits, wanted)
-        terms["dice"] = dice_loss(logits, wanted)
+    used = torch.nonzero(targets >= 0)[:, 0]
+    wanted_class = torch.full_like(targets, none)
+    wanted_class[used] = classes[targets[used]]
+    shares = torch.bincount(targets[used], minlength=len(classes)).float().reciprocal()[targets[used]]
+    importance = class_logits.new_full((len(targets),), weights.no_object)
+    importance[used] = shares if weights.seeded else 1.0
+    surprise = functional.cross_entropy(class_logits.float(), wanted_class, reduction="none")
+    terms = {"class_": (importance * surprise).sum() / importance.sum()}
+    if len(used):
+        logits, wanted = mask_logits[:, used].T.float(), masks[targets[used]].float()
+        per_query = functional.binary_cross_entropy_with_logits(logits, wanted, reduction="none").mean(1)
+        terms["mask"] = (shares * per_query).sum() / shares.sum()
+        terms["dice"] = (shares * dice_losses(logits, wanted)).sum() / shares.sum()
     return terms
 
 
@@ -202,11 +216,11 @@ def bce(logits: Float[Tensor, "*n"], target: Tensor) -> Float[Tensor, ""]:
     return functional.binary_cross_entropy_with_logits(logits.float(), target.float())
 
 
-def dice_loss(logits: Float[Tensor, "i v"], target: Float[Tensor, "i v"]) -> Float[Tensor, ""]:
-    """1 - dice of the masks, smoothed by 1, mean over instances."""
+def dice_losses(logits: Float[Tensor, "i v"], target: Float[Tensor, "i v"]) -> Float[Tensor, "i"]:
+    """1 - dice of each mask, smoothed by 1."""
     probability = logits.sigmoid()
     overlap = 2.0 * (probability * target).sum(-1) + 1.0
-    return (1.0 - overlap / (probability.sum(-1) + target.sum(-1) + 1.0)).mean()
+    return 1.0 - overlap / (probability.sum(-1) + target.sum(-1) + 1.0)
 
 
 def width_term(

@@ -11,14 +11,23 @@ from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 from torch.nn import functional
 
+FOREIGN_COST = 1e4
+"""What it costs to take a query that was seeded on another object: more than any segmentation."""
+
 
 @dataclass(frozen=True)
 class MatchingCosts:
-    """Weights of the three parts of the assignment cost (published values)."""
+    """Weights of the three parts of the assignment cost.
 
-    class_probability: float = 10.0
+    With seeded queries only the best of an object's own queries is looked for, and the mask says which that is.
+    """
+
+    class_probability: float = 2.0
     mask: float = 5.0
-    dice: float = 2.0
+    dice: float = 5.0
+
+
+PUBLISHED_COSTS = MatchingCosts(class_probability=10.0, mask=5.0, dice=2.0)
 
 
 @torch.no_grad()
@@ -28,6 +37,7 @@ def match_queries(
     masks: Bool[Tensor, "i v"],
     classes: Int[Tensor, "i"],
     costs: MatchingCosts,
+    seeds: Int[Tensor, "q"] | None = None,
 ) -> Int[Tensor, "i"]:
     """The query of every instance; no query serves two.
 
@@ -37,11 +47,16 @@ def match_queries(
         masks: which voxels belong to which instance.
         classes: class index of every instance.
         costs: weights.
+        seeds: the instance on which each query was seeded, -1 for none; an instance then gets one of its own queries
+            where it has any.
     """
     if len(masks) == 0:
         return torch.zeros(0, dtype=torch.int64, device=mask_logits.device)
     cost = costs.mask * mask_cost(mask_logits, masks) + costs.dice * dice_cost(mask_logits, masks)
     cost -= costs.class_probability * class_logits.float().softmax(-1)[:, classes].T
+    if seeds is not None:
+        foreign = seeds[None] != torch.arange(len(masks), device=seeds.device)[:, None]
+        cost += FOREIGN_COST * foreign
     _, queries = linear_sum_assignment(cost.cpu().numpy())
     return torch.as_tensor(queries, dtype=torch.int64, device=mask_logits.device)
 

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
+from icgnet.network.instances import select_instances
+from icgnet.training.losses import seed_instances
 from icgnet.training.matching import MatchingCosts, match_queries
 from icgnet.training.sample import Sample
 
@@ -59,31 +61,15 @@ def count_scene(tally: Tally, network: IcgNet, sample: Sample, costs: MatchingCo
     """Adds one scene to the tally."""
     embedding = network.encode([sample.input])[0]
     final = embedding.stages[-1]
-    queries = match_queries(final.mask_logits, final.class_logits, sample.masks, sample.classes, costs)
+    seeds = seed_instances(embedding, sample) if network.config.seeded_masks else None
+    queries = match_queries(final.mask_logits, final.class_logits, sample.masks, sample.classes, costs, seeds)
     tally.instances += len(queries)
     tally.classes_right += (final.class_logits[queries, :-1].argmax(1) == sample.classes).tolist()
-    count_masks(tally, predicted_masks(embedding), sample.masks)
+    found = select_instances(final)
+    count_masks(tally, (found.masks, found.scores), sample.masks)
     if len(queries):
         count_shapes(tally, network, embedding, sample, queries)
         count_grasps(tally, network, embedding, sample, queries)
-
-
-def predicted_masks(embedding: SceneEmbedding) -> tuple[Bool[Tensor, "p v"], Float[Tensor, "p"]]:
-    """The instances that the network finds, without knowing the answer, and how sure it is of each.
-
-    Every voxel goes to the strongest of the queries whose best class is a real one; queries that get none are dropped.
-    """
-    final = embedding.stages[-1]
-    probability = final.class_logits.softmax(-1)
-    kept = torch.nonzero(probability.argmax(-1) < probability.shape[1] - 1)[:, 0]
-    if len(kept) == 0:
-        empty = final.mask_logits.new_zeros((0, len(final.mask_logits)), dtype=torch.bool)
-        return empty, probability.new_zeros(0)
-    winner = final.mask_logits[:, kept].argmax(1)
-    masks = winner[None] == torch.arange(len(kept), device=winner.device)[:, None]
-    masks &= final.mask_logits[:, kept].T > 0
-    filled = masks.any(1)
-    return masks[filled], 1.0 - probability[kept[filled], -1]
 
 
 def count_masks(
