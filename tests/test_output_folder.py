@@ -13,6 +13,12 @@ def write(path, text, overwrite=False):
         (folder / MARKER).write_text(text)
 
 
+def write_half(path):
+    with output_folder(path, MARKER) as folder:
+        (folder / MARKER).write_text("half")
+        raise RuntimeError
+
+
 def test_a_finished_folder_is_all_that_is_left(tmp_path):
     write(tmp_path / "a" / "out", "1")
     assert [item.name for item in (tmp_path / "a").iterdir()] == ["out"]
@@ -20,17 +26,15 @@ def test_a_finished_folder_is_all_that_is_left(tmp_path):
 
 
 def test_a_failure_leaves_nothing(tmp_path):
-    with pytest.raises(RuntimeError), output_folder(tmp_path / "out", MARKER) as folder:
-        (folder / MARKER).write_text("half")
-        raise RuntimeError
+    with pytest.raises(RuntimeError):
+        write_half(tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_failure_leaves_the_earlier_folder_as_it_was(tmp_path):
     write(tmp_path / "out", "earlier")
-    with pytest.raises(RuntimeError), output_folder(tmp_path / "out", MARKER) as folder:
-        (folder / MARKER).write_text("half")
-        raise RuntimeError
+    with pytest.raises(RuntimeError):
+        write_half(tmp_path / "out")
     assert (tmp_path / "out" / MARKER).read_text() == "earlier"
     assert [item.name for item in tmp_path.iterdir()] == ["out"]
 

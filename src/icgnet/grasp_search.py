@@ -36,3 +36,7 @@ class GraspSearch:
                 raise InputError(f"{name} must be a probability between 0 and 1, got {getattr(self, name)}")
         if self.width_from not in ("network", "shape"):
             raise InputError(f"width_from must be 'network' or 'shape', got {self.width_from!r}")
+
+
+DEFAULT_SEARCH = GraspSearch()
+"""What the benchmark runs with."""

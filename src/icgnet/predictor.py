@@ -16,7 +16,7 @@ from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points
 from icgnet.geometry.transforms import check_transform
-from icgnet.grasp_search import GraspSearch
+from icgnet.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.instances import encode_windows, find_instances
@@ -41,7 +41,7 @@ class Predictor:
         seed: of everything that is drawn; the same input then gives the same result.
     """
 
-    def __init__(self, network: IcgNet, gripper: Gripper, search: GraspSearch = GraspSearch(), seed: int = 0) -> None:
+    def __init__(self, network: IcgNet, gripper: Gripper, search: GraspSearch = DEFAULT_SEARCH, seed: int = 0) -> None:
         self.network = network.eval()
         self.gripper = gripper
         self.search = search
@@ -53,7 +53,7 @@ class Predictor:
         threads: int | None = None,
         gripper: str | Path = "franka",
         seed: int = 0,
-        search: GraspSearch = GraspSearch(),
+        search: GraspSearch = DEFAULT_SEARCH,
     ) -> "Predictor":
         """The predictor with the shipped weights or those of a file.
 

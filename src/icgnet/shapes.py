@@ -52,7 +52,7 @@ class Shape:
         """The shape of an instance with these points [m]; it reaches down to the table and stays in the window."""
         origin = instance.view.window.origin
         lower = np.maximum(points.min(axis=0) - SIDE_PADDING, origin)
-        upper = np.minimum(points.max(axis=0) + (SIDE_PADDING, SIDE_PADDING, TOP_PADDING), origin + SIZE)
+        upper = np.minimum(points.max(axis=0) + np.array([SIDE_PADDING, SIDE_PADDING, TOP_PADDING]), origin + SIZE)
         lower[2] = TABLE_HEIGHT
         return Shape(network, instance, lower, upper)
 
@@ -134,4 +134,5 @@ def _near_surface(logits: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z
     """Nodes within two steps of a change of sign."""
     inside = logits > 0
     block = np.ones((3, 3, 3), dtype=bool)
-    return ndimage.binary_dilation(inside, block, iterations=2) & ~ndimage.binary_erosion(inside, block, iterations=2)
+    inner = ndimage.binary_erosion(inside, block, iterations=2)
+    return np.logical_and(ndimage.binary_dilation(inside, block, iterations=2), np.logical_not(inner))

@@ -70,10 +70,7 @@ def find_tabletop(
         TableNotFoundError: no plane is supported by enough points.
         InputError: `level`, but the table is tilted.
     """
-    if table_height is None:
-        T_frame_table = _fitted_frame(cloud, rng, level)
-    else:
-        T_frame_table = _shifted_up(table_height)
+    T_frame_table = _fitted_frame(cloud, rng, level) if table_height is None else _shifted_up(table_height)
     in_table = cloud.transformed(invert_transform(T_frame_table), "table")
     standing = above_table(in_table.points) & (in_table.points[:, 2] < SIZE)
     if mask is not None:
@@ -129,7 +126,8 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
     occupied = np.zeros(cells.max(axis=0) + 2, dtype=bool)
     occupied[tuple(cells.T)] = True
     crowded = occupied & (_neighbour_counts(occupied) >= FEWEST_NEIGHBOURS)
-    labels, count = ndimage.label(crowded, structure=np.ones((3, 3, 3)))
+    labels = np.zeros(occupied.shape, dtype=np.int32)
+    count = int(ndimage.label(crowded, structure=np.ones((3, 3, 3)), output=labels))  # pyright: ignore
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     thing = labels[tuple(cells.T)]
     tops = np.zeros(count + 1)
@@ -143,8 +141,8 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
 def _spacing(points: Float[np.ndarray, "n 3"]) -> float:
     """Typical distance of a point to its nearest neighbour [m]."""
     tree = KDTree(points, leafsize=32, balanced_tree=False, compact_nodes=False)
-    distance, _ = tree.query(points[:: -(-len(points) // SPACING_POINTS)], k=[2])
-    return float(np.median(distance)) if np.isfinite(distance).all() else 0.0
+    distance, _ = tree.query(points[:: -(-len(points) // SPACING_POINTS)], k=2)
+    return float(np.median(distance[:, 1])) if len(points) > 1 else 0.0
 
 
 def _neighbour_counts(occupied: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "x y z"]:

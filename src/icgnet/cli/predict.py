@@ -88,7 +88,7 @@ class Predict:
 
         capture = read_capture(self.input, self.intrinsics, self.depth_scale, self.camera_pose, self.viewpoint)
         mask = None if self.mask is None else read_mask(self.mask)
-        predictor: Predictor = Predictor.load(self.weights, self.threads, self.gripper, self.seed, self.search)
+        predictor = Predictor.load(self.weights, self.threads, self.gripper, self.seed, self.search)
         if isinstance(capture, DepthCapture):
             return predictor.predict_depth(
                 capture.depth, capture.intrinsics, capture.camera_pose, self.table_height, mask

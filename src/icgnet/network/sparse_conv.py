@@ -185,9 +185,9 @@ class UpConv(nn.Module):
 class VoxelBatchNorm(nn.BatchNorm1d):
     """Batch normalisation over voxels, also for single scenes.
 
-    The running statistics are the plain mean over the first batches and forget at `momentum` only after 1 / momentum of
-    them, so that evaluation early in training is not spoilt by where they started. A level with a single voxel has no
-    variance and is normalised by the running statistics.
+    The running statistics start as those of the first batch and forget quickly at first, at `momentum` only after some
+    3 / momentum batches: with the small momentum alone, evaluation early in training is spoilt by where they started. A
+    level with a single voxel has no variance and is normalised by the running statistics.
     """
 
     def forward(self, input: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
@@ -197,7 +197,7 @@ class VoxelBatchNorm(nn.BatchNorm1d):
             assert self.num_batches_tracked is not None
             assert self.momentum is not None
             self.num_batches_tracked.add_(1)
-            share = self.momentum
+            share = max(self.momentum, 3.0 / (2 + int(self.num_batches_tracked)))
         return nn.functional.batch_norm(
             input, self.running_mean, self.running_var, self.weight, self.bias, batch, share, self.eps
         )
