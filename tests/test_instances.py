@@ -56,6 +56,14 @@ def test_neighbours_that_overlap_a_little_are_both_kept_and_share_no_point(point
     assert len(np.intersect1d(kept[0].rows, kept[1].rows)) == 0
 
 
+def test_an_instance_that_two_others_cover_is_not_kept(points, views):
+    halves = [between(points, views[0], 0.0, 0.1), between(points, views[0], 0.1, 0.2)]
+    both = between(points, views[1], 0.0, 0.2)
+    kept = keep_one_of_each([*halves, both], views, points)
+    assert all(item.view is views[0] for item in kept)
+    assert all(len(item.rows) for item in kept)
+
+
 def test_the_object_with_most_points_comes_first(points, views):
     kept = keep_one_of_each([between(points, views[0], 0.0, 0.1), between(points, views[1], 0.2, 0.45)], views, points)
     assert len(kept[0].rows) > len(kept[1].rows)

@@ -18,7 +18,7 @@ from icgnet.windows import Window, owners
 BATCH = 4
 """Windows that are encoded at once."""
 DUPLICATE_OVERLAP = 0.5
-"""Two instances that share more than this part of the smaller one's points are the same object."""
+"""Two instances that share more than this part of the points of either one are the same object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def keep_one_of_each(
 
 
 def _is_duplicate(item: Instance, earlier: Int[np.ndarray, "n"], kept: list[Instance]) -> bool:
-    """Whether one of the kept instances shares most of its points with this one."""
+    """Whether most of this instance's points belong to kept ones already, or most of a kept one's to it."""
     shared = np.bincount(earlier[earlier >= 0], minlength=len(kept))
-    smaller = np.minimum([len(other.rows) for other in kept], len(item.rows))
-    return bool((shared > DUPLICATE_OVERLAP * smaller).any())
+    swallowed = shared > DUPLICATE_OVERLAP * np.array([len(other.rows) for other in kept])
+    return bool(swallowed.any() or shared.sum() > DUPLICATE_OVERLAP * len(item.rows))
