@@ -41,7 +41,8 @@ def half_ball(centre: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def tabletop() -> Tabletop:
     points = ORIGIN + np.concatenate([half_ball(centre) for centre in CENTRES])
-    return Tabletop(PointCloud(points, ORIGIN + np.array([0.15, 0.0, 0.6]), "table"), np.arange(len(points)), np.eye(4))
+    cloud, rows = PointCloud(points, ORIGIN + np.array([0.15, 0.0, 0.6]), "table"), np.arange(len(points))
+    return Tabletop(cloud, rows, rows, np.eye(4))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import invert_transform, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.tabletop import find_tabletop
-from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image
+from tabletop_scenes import INTRINSICS, THREE_BOXES, Box, camera_pose, depth_image
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +90,17 @@ def test_a_mask_limits_what_stands_on_the_table(seen):
     tabletop = find_tabletop(world, TABLE_HEIGHT, rng(), mask=left)
     assert len(tabletop.standing) > 100
     assert left[tabletop.standing].all()
+    assert not left[tabletop.above].all(), "what is masked out can still be hit"
+
+
+def test_what_stands_beside_a_found_table_is_no_object_but_can_be_hit():
+    beside = Box((1.0, 0.1, 0.0), (1.2, 0.3, 0.2))
+    pose = camera_pose(1.2, (0.4, 0.15, 0.05))
+    grid = unproject(depth_image((*THREE_BOXES, beside), pose), INTRINSICS).reshape(-1, 3)
+    world = transform_points(pose, grid[np.isfinite(grid).all(axis=1)])
+    tabletop = find_tabletop(PointCloud(world, pose[:3, 3], "world"), None, rng())
+    assert world[tabletop.standing, 0].max() < 0.3
+    assert world[tabletop.above, 0].max() > 0.99
 
 
 def test_an_empty_table_has_nothing_on_it():

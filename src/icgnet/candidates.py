@@ -192,7 +192,7 @@ def keep_free(
         search: the settings.
     """
     rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
-    points, _ = voxel_downsample(tabletop.cloud.points[tabletop.standing], POINT_SPACING)
+    points, _ = voxel_downsample(tabletop.cloud.points[tabletop.above], POINT_SPACING)
     found = np.zeros(len(shapes), dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
     free: list[Int[np.ndarray, "k"]] = []

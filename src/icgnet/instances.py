@@ -63,13 +63,13 @@ def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -
     standing = tabletop.cloud.points[tabletop.standing]
     inside = [tabletop.standing[window.inside(standing)] for window in windows]
     filled = [(window, rows) for window, rows in zip(windows, inside, strict=True) if len(rows)]
-    viewpoint = tabletop.cloud.viewpoint
+    above, viewpoint = tabletop.cloud.points[tabletop.above], tabletop.cloud.viewpoint
     prepared = []
     for window, rows in filled:
         points = window.to_window(tabletop.cloud.points[rows])
         # Also things outside of the cube hide what is in it.
         visibility = (
-            None if viewpoint is None else visibility_grid(window.to_window(standing), window.to_window(viewpoint))
+            None if viewpoint is None else visibility_grid(window.to_window(above), window.to_window(viewpoint))
         )
         prepared.append(make_scene_input(points, network.config, visibility))
     embeddings = []

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
-from scipy.spatial import KDTree
+from scipy.spatial import ConvexHull, KDTree
 
 from icgnet.errors import InputError, TableNotFoundError
 from icgnet.geometry.clouds import PointCloud
@@ -34,6 +34,14 @@ NOISE_RATIO = 4.0
 DEEPEST_WAVE = 0.015
 """Points farther below the plane are not the table [m]."""
 
+TABLE_TOLERANCE = 0.006
+"""Points nearer to the plane than this are the table [m]."""
+TABLE_CELL = 0.02
+FEWEST_IN_CELL = 3
+"""The extent of the table is measured in cells of this pitch [m] with at least so many of its points."""
+TABLE_BORDER = 0.01
+"""So far beyond what is seen of the table a thing still stands on it [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Tabletop:
@@ -41,11 +49,13 @@ class Tabletop:
 
     Attributes:
         cloud: all finite points of the input, and the viewpoint.
-        standing: rows of the points that belong to things on the table.
+        above: rows of the points above the table that are not noise: whatever a hand could hit.
+        standing: those of them that may belong to objects on the table.
         T_frame_table: pose of the table frame in the frame of the input.
     """
 
     cloud: PointCloud
+    above: Int[np.ndarray, "a"]
     standing: Int[np.ndarray, "m"]
     T_frame_table: Float[np.ndarray, "4 4"]
 
@@ -61,7 +71,8 @@ def find_tabletop(
 
     Args:
         cloud: finite points [m], in a frame whose z axis points up if `level`.
-        table_height: height of the table plane in that frame [m]; if None it is found in the cloud.
+        table_height: height of the table plane in that frame [m]; if None the table is found in the cloud, and what
+            stands beside it is not taken for objects.
         rng: draws the planes that are tried.
         level: whether the input's z axis points up; then the table frame is only shifted against it.
         mask: which points may belong to objects; all if None.
@@ -72,12 +83,14 @@ def find_tabletop(
     """
     T_frame_table = _fitted_frame(cloud, rng, level) if table_height is None else _shifted_up(table_height)
     in_table = cloud.transformed(invert_transform(T_frame_table), "table")
-    standing = above_table(in_table.points) & (in_table.points[:, 2] < SIZE)
-    if mask is not None:
-        standing &= mask
-    rows = np.flatnonzero(standing)
-    lowest_top = TABLE_HEIGHT + max(LOWEST_THING, NOISE_RATIO * _table_noise(in_table.points[:, 2]))
-    return Tabletop(in_table, rows[_things(in_table.points[rows], lowest_top)], T_frame_table)
+    points = in_table.points
+    rows = np.flatnonzero(above_table(points) & (points[:, 2] < SIZE))
+    lowest_top = TABLE_HEIGHT + max(LOWEST_THING, NOISE_RATIO * _table_noise(points[:, 2]))
+    above = rows[_things(points[rows], lowest_top)]
+    may_be_object = np.ones(len(above), dtype=bool) if mask is None else mask[above]
+    if table_height is None:
+        may_be_object &= _over_table(points, above)
+    return Tabletop(in_table, above, above[may_be_object], T_frame_table)
 
 
 def _fitted_frame(cloud: PointCloud, rng: np.random.Generator, level: bool) -> Float[np.ndarray, "4 4"]:
@@ -136,6 +149,29 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
     is_thing[0] = False
     kept[near] = is_thing[thing]
     return kept
+
+
+def _over_table(points: Float[np.ndarray, "n 3"], above: Int[np.ndarray, "a"]) -> Bool[np.ndarray, "a"]:
+    """Which of the points above the table plane are above the table itself: in the hull of what is seen of it."""
+    table = points[np.abs(points[:, 2] - TABLE_HEIGHT) < TABLE_TOLERANCE, :2]
+    cells = np.floor(table / TABLE_CELL).astype(np.int64)
+    lowest = cells.min(axis=0)
+    counts = np.zeros(cells.max(axis=0) - lowest + 1, dtype=np.int64)
+    np.add.at(counts, tuple((cells - lowest).T), 1)
+    # Objects and their shadows cut the table in pieces; stray points at its height elsewhere are small pieces.
+    closed = ndimage.binary_closing(np.pad(counts >= FEWEST_IN_CELL, 3), np.ones((3, 3)), iterations=2)
+    labels = np.zeros(closed.shape, dtype=np.int32)
+    ndimage.label(closed, structure=np.ones((3, 3)), output=labels)
+    largest = np.bincount(labels[closed]).argmax() if closed.any() else 0
+    cells = np.argwhere(closed & (labels == largest)) - 3 + lowest
+    corners = cells[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    if len(corners) == 0:
+        return np.ones(len(above), dtype=bool)
+    sides = ConvexHull(TABLE_CELL * corners.reshape(-1, 2)).equations
+    beyond = np.full(len(above), -np.inf)
+    for side in sides:
+        np.maximum(beyond, points[above, :2] @ side[:2] + side[2], out=beyond)
+    return beyond <= TABLE_BORDER
 
 
 def _spacing(points: Float[np.ndarray, "n 3"]) -> float:

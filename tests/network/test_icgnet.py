@@ -181,6 +181,7 @@ def test_voxels_far_outside_the_workspace_are_taken():
     assert torch.isfinite(embedding.stages[-1].mask_logits).all()
 
 
+@pytest.mark.slow
 def test_tiny_network_learns_one_scene():
     torch.manual_seed(0)
     config = replace(NETWORKS["tiny"], queries=4, dense_cells=15, dense_pitch=0.02)

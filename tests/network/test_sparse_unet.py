@@ -1,3 +1,4 @@
+import pytest
 import torch
 from torch import nn
 
@@ -39,6 +40,7 @@ def test_levels_come_coarse_to_fine():
     assert [level.shape[1] for level in features] == list(NETWORKS["tiny"].decoder_widths)
 
 
+@pytest.mark.slow
 def test_evaluation_stays_close_to_training_with_batches_of_one():
     net = network().train()
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3)

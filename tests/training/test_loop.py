@@ -84,9 +84,9 @@ def test_folder_of_another_run_is_refused_by_name(train_shapes, tmp_path):
         train_shapes(replace(CONFIG, steps=1, learning_rate=0.1), tmp_path)
 
 
-def test_threads_may_change_between_legs(train_shapes, tmp_path):
+def test_how_it_reports_may_change_between_legs(train_shapes, tmp_path):
     train_shapes(replace(CONFIG, steps=2), tmp_path, leg_steps=1)
-    train_shapes(replace(CONFIG, steps=2, threads=2), tmp_path)
+    train_shapes(replace(CONFIG, steps=2, log_seconds=5.0), tmp_path)
     assert state_of(tmp_path)["progress"]["step"] == 2
 
 

@@ -51,7 +51,7 @@ def print_tables(prediction: "Prediction", console: Console) -> None:
 def _object_table(prediction: "Prediction") -> Table:
     table = Table(title=f"{len(prediction.objects)} objects")
     for column in ("id", "class", "probability", "points", "size [cm]", "grasps", "best score"):
-        table.add_column(column, justify="left" if column in ("class", "size [cm]") else "right")
+        table.add_column(column, justify="left" if column in ("class", "size [cm]") else "right", no_wrap=True)
     grasps = prediction.grasps
     for item in prediction.objects:
         own = grasps.scores[grasps.instances == item.instance_id]

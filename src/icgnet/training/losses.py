@@ -79,12 +79,12 @@ class TrainingLoss(nn.Module):
     def __init__(self, network: IcgNet, weights: LossWeights, costs: MatchingCosts, bfloat16: bool = False) -> None:
         """`bfloat16` computes the U-Nets in 16 bits."""
         super().__init__()
-        self.network, self.weights, self.costs, self.bfloat16 = network, weights, costs, bfloat16
+        self.network, self.weights, self.costs, self.in_16_bits = network, weights, costs, bfloat16
 
     def forward(self, samples: list[Sample]) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss to minimise and the mean of every unweighted term over the scenes."""
         device = samples[0].classes.device
-        with torch.autocast(device.type, torch.bfloat16, enabled=self.bfloat16):
+        with torch.autocast(device.type, torch.bfloat16, enabled=self.in_16_bits):
             embeddings = self.network.encode([sample.input for sample in samples])
         scenes = [self._scene_terms(embedding, sample) for embedding, sample in zip(embeddings, samples, strict=True)]
         total = torch.stack([weighted_sum(terms, self.weights) for terms in scenes]).mean()
