@@ -111,7 +111,7 @@ def data(tmp_path) -> Path:
 @pytest.fixture
 def train_shapes(shapes, data, monkeypatch):
     """`train` with the shapes as its only object set."""
-    monkeypatch.setattr("icgnet.training.loop.load_object_set", lambda source: shapes)
+    monkeypatch.setattr("icgnet.training.validation.load_object_set", lambda source: shapes)
 
     def run(config, out, **arguments):
         return train(config, [data], out, ["shapes"], **arguments)

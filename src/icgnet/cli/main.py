@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from icgnet.cli.demo import Demo
+from icgnet.cli.evaluate import Evaluate
 from icgnet.cli.generate import Generate
 from icgnet.cli.objects import Objects
 from icgnet.cli.predict import Predict
@@ -28,6 +29,7 @@ Command = (
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Generate, tyro.conf.subcommand("generate")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Objects, tyro.conf.subcommand("objects")]
     | Annotated[Version, tyro.conf.subcommand("version")]

@@ -10,12 +10,11 @@ import torch
 from lightning_fabric import Fabric
 from torch.utils.data import DataLoader
 
-from icgnet.datagen.recipe import Recipe, read_recipes
+from icgnet.datagen.recipe import read_recipes
 from icgnet.errors import DataError
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import save_weights
-from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.checkpoint import CHECKPOINT_FILE, Progress, WeightAverage, load_checkpoint, save_checkpoint
 from icgnet.training.config import TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches
@@ -23,11 +22,11 @@ from icgnet.training.losses import TrainingLoss
 from icgnet.training.metrics import evaluate, selection_score
 from icgnet.training.sample import Sample
 from icgnet.training.schedule import learning_rate_factor
+from icgnet.training.validation import load_object_sets, validation_samples
 
 METRICS_FILE = "metrics.jsonl"
 BEST_FILE = "weights.safetensors"
 FINAL_FILE = "weights_final.safetensors"
-VALIDATION_SEED = 20_000
 MOST_SKIPPED = 20
 
 Report = Callable[[str], None]
@@ -68,29 +67,12 @@ def train(
         report(f"going on with another setting: {change}")
     torch.set_num_threads(config.threads)
     report(f"loading the objects of {len(recipes)} scenes")
-    object_sets = _load_object_sets(objects)
+    object_sets = load_object_sets(objects)
     dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, NETWORKS[config.network], config.seed)
-    validation = validation_samples(config, by_split["val"], object_sets)
+    validation = validation_samples(
+        config.network, config.sampling, config.validation_scenes, by_split["val"], object_sets
+    )
     return Trainer(config, dataset, validation, out, report).run(leg_steps)
-
-
-def _load_object_sets(sources: Sequence[str | Path]) -> dict[str, ObjectSet]:
-    object_sets = [load_object_set(source) for source in sources]
-    return {each.name: each for each in object_sets}
-
-
-def validation_samples(
-    config: TrainingConfig, recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]
-) -> list[Sample]:
-    """Held-out scenes with fixed cameras, the same at every validation; none when there are no recipes."""
-    if not recipes or not config.validation_scenes:
-        return []
-    # Evenly spread, because packed and pile scenes lie in different folders.
-    step = max(1, len(recipes) // config.validation_scenes)
-    chosen = recipes[::step][: config.validation_scenes]
-    sampling = config.sampling.for_validation()
-    dataset = RecipeDataset(chosen, object_sets, sampling, NETWORKS[config.network], VALIDATION_SEED)
-    return [dataset[visit] for visit in range(len(chosen))]
 
 
 class Trainer:

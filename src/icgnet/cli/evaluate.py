@@ -1,0 +1,48 @@
+"""`icgnet evaluate`: how good weights are on generated scenes of held-out objects."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Print the metrics of weights on generated scenes: grasps, shapes, instances and classes."""
+
+    data: tuple[Path, ...]
+    """Folders that `icgnet generate` wrote, with objects that the weights were not trained on."""
+    objects: tuple[str, ...] = ("procedural",)
+    """The object sets that the scenes were made of."""
+    weights: Path | None = None
+    """Weights file; the one that ships with the package if not given."""
+    split: Literal["val", "test"] = "val"
+    """Which scenes: val for choosing, test for reporting."""
+    threads: int | None = None
+    """CPU threads."""
+    report: Path | None = None
+    """File for the numbers, as JSON."""
+
+    def run(self) -> None:
+        """Evaluates, and prints a table with a column for each kind of scene.
+
+        Raises:
+            IcgnetError: unusable weights, or no such scenes.
+        """
+        import torch
+
+        from icgnet.predictor import DEFAULT_WEIGHTS
+        from icgnet.training.validation import evaluate_weights
+
+        if self.threads is not None:
+            torch.set_num_threads(self.threads)
+        metrics = evaluate_weights(self.weights or DEFAULT_WEIGHTS, self.data, self.objects, self.split)
+        table = Table("metric", *metrics, title=f"split {self.split}")
+        for name in next(iter(metrics.values())):
+            table.add_row(name, *(f"{column[name]:.4g}" if name in column else "-" for column in metrics.values()))
+        Console().print(table)
+        if self.report is not None:
+            self.report.write_text(json.dumps(metrics, indent=2) + "\n")

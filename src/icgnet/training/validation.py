@@ -1,0 +1,76 @@
+"""How good weights are on scenes of held-out objects, seen by fixed cameras."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from icgnet.datagen.recipe import Recipe, read_recipes
+from icgnet.errors import DataError
+from icgnet.network.config import NETWORKS
+from icgnet.network.weights import load_weights
+from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.training.config import TRAININGS, Sampling
+from icgnet.training.dataset import RecipeDataset
+from icgnet.training.metrics import evaluate
+from icgnet.training.sample import Sample
+
+VALIDATION_SEED = 20_000
+
+
+def load_object_sets(sources: Sequence[str | Path]) -> dict[str, ObjectSet]:
+    """The object sets of the sources, by name; see `load_object_set`."""
+    object_sets = [load_object_set(source) for source in sources]
+    return {each.name: each for each in object_sets}
+
+
+def validation_samples(
+    network: str, sampling: Sampling, scenes: int, recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]
+) -> list[Sample]:
+    """Samples with fixed cameras, the same at every validation; none when there are no recipes.
+
+    Args:
+        network: name of the network preset that the samples are for.
+        sampling: of the training; augmentation is switched off.
+        scenes: at most so many recipes are used, drawn once and for all.
+        recipes: of scenes that are not trained on.
+        object_sets: what the recipes are made of, by name.
+    """
+    order = np.random.default_rng(VALIDATION_SEED).permutation(len(recipes))[:scenes]
+    if len(order) == 0:
+        return []
+    chosen = [recipes[index] for index in order]
+    dataset = RecipeDataset(chosen, object_sets, sampling.for_validation(), NETWORKS[network], VALIDATION_SEED)
+    return [dataset[visit] for visit in range(len(chosen))]
+
+
+def evaluate_weights(
+    weights: Path, data: Sequence[Path], objects: Sequence[str | Path], split: str = "val"
+) -> dict[str, dict[str, float]]:
+    """Metrics of a weights file on all scenes of a split, for each kind of scene and for all together.
+
+    Args:
+        weights: a safetensors file that training wrote.
+        data: folders of recipes.
+        objects: sources of the object sets that the recipes name.
+        split: which recipes.
+
+    Raises:
+        DataError: unusable weights, no such recipes, or a missing object set.
+    """
+    network, _ = load_weights(weights)
+    network.eval()
+    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder)) if recipe.split == split]
+    if not recipes:
+        raise DataError(f"no recipes of split {split!r} in {', '.join(map(str, data))}")
+    object_sets = load_object_sets(objects)
+    cpu = TRAININGS["cpu"]
+    kinds = sorted({recipe.kind for recipe in recipes})
+    groups = {kind: [recipe for recipe in recipes if recipe.kind == kind] for kind in kinds}
+    samples = {
+        kind: validation_samples(network.config.name, cpu.sampling, len(group), group, object_sets)
+        for kind, group in groups.items()
+    }
+    result = {kind: evaluate(network, each, cpu.matching) | {"scenes": len(each)} for kind, each in samples.items()}
+    together = [sample for each in samples.values() for sample in each]
+    return result | {"all": evaluate(network, together, cpu.matching) | {"scenes": len(together)}}
