@@ -32,14 +32,11 @@ class Evaluate:
         Raises:
             IcgnetError: unusable weights, or no such scenes.
         """
-        import torch
-
         from icgnet.predictor import DEFAULT_WEIGHTS
         from icgnet.training.validation import evaluate_weights
 
-        if self.threads is not None:
-            torch.set_num_threads(self.threads)
-        metrics = evaluate_weights(self.weights or DEFAULT_WEIGHTS, self.data, self.objects, self.split)
+        weights = self.weights or DEFAULT_WEIGHTS
+        metrics = evaluate_weights(weights, self.data, self.objects, self.split, self.threads)
         table = Table("metric", *metrics, title=f"split {self.split}")
         for name in next(iter(metrics.values())):
             table.add_row(name, *(f"{column[name]:.4g}" if name in column else "-" for column in metrics.values()))

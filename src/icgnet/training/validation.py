@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from icgnet.datagen.recipe import Recipe, read_recipes
-from icgnet.errors import DataError
+from icgnet.errors import DataError, InputError
 from icgnet.network.config import NETWORKS
 from icgnet.network.weights import load_weights
 from icgnet.objects.object_set import ObjectSet, load_object_set
@@ -45,7 +46,11 @@ def validation_samples(
 
 
 def evaluate_weights(
-    weights: Path, data: Sequence[Path], objects: Sequence[str | Path], split: str = "val"
+    weights: Path,
+    data: Sequence[Path],
+    objects: Sequence[str | Path],
+    split: str = "val",
+    threads: int | None = None,
 ) -> dict[str, dict[str, float]]:
     """Metrics of a weights file on all scenes of a split, for each kind of scene and for all together.
 
@@ -54,10 +59,16 @@ def evaluate_weights(
         data: folders of recipes.
         objects: sources of the object sets that the recipes name.
         split: which recipes.
+        threads: CPU threads, for the whole process; as many as torch takes if None.
 
     Raises:
+        InputError: a number of threads below 1.
         DataError: unusable weights, no such recipes, or a missing object set.
     """
+    if threads is not None:
+        if threads < 1:
+            raise InputError(f"threads must be at least 1, got {threads}")
+        torch.set_num_threads(threads)
     network, _ = load_weights(weights)
     network.eval()
     recipes = [recipe for folder in data for recipe in read_recipes(Path(folder)) if recipe.split == split]
