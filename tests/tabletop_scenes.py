@@ -30,7 +30,7 @@ THREE_BOXES = (
 )
 # 0.7 m from end to end.
 WIDE_ROW = tuple(
-    Box((x, y, 0.05), (x + 0.05, y + 0.06, 0.05 + z))
+    Box((x, y, 0.05), (x + 0.05, y + 0.06, 0.05 + height))
     for x, y, height in (
         (-0.2, 0.1, 0.06),
         (-0.06, 0.2, 0.05),

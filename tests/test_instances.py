@@ -65,6 +65,17 @@ def test_an_instance_that_two_others_cover_is_not_kept(points, views):
     assert all(len(item.rows) for item in kept)
 
 
+def test_an_object_longer_than_a_window_is_put_together(points, views):
+    left, right = between(points, views[0], 0.05, 0.30), between(points, views[1], 0.15, 0.42)
+    (kept,) = keep_one_of_each([left, right], views, points)
+    np.testing.assert_array_equal(kept.rows, between(points, kept.view, 0.05, 0.42).rows)
+
+
+def test_instances_that_disagree_where_both_windows_see_them_stay_apart(points, views):
+    left, right = between(points, views[0], 0.05, 0.20), between(points, views[1], 0.19, 0.42)
+    assert len(keep_one_of_each([left, right], views, points)) == 2
+
+
 def test_the_object_with_most_points_comes_first(points, views):
     kept = keep_one_of_each([between(points, views[0], 0.0, 0.1), between(points, views[1], 0.2, 0.45)], views, points)
     assert len(kept[0].rows) > len(kept[1].rows)

@@ -71,6 +71,7 @@ def seen_contacts(tabletop: Tabletop, instances: Sequence[Instance], budget: int
     for number, instance in enumerate(instances):
         share = budget // sum(other.view is instance.view for other in instances)
         points, _ = voxel_downsample(tabletop.cloud.points[instance.rows], CONTACT_VOXEL)
+        points = points[contains(instance.view.window.to_window(points))]
         # Normals only for points that have a chance, but from all neighbours.
         tried = points[rng.permutation(len(points))[: 2 * share]]
         normals = estimate_normals(points, tabletop.cloud.viewpoint, queries=tried)
@@ -90,7 +91,7 @@ def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Genera
         share = budget // sum(other.instance.view is shape.instance.view for other in shapes)
         if len(shape.mesh.faces) == 0:
             continue
-        drawn, faces = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))
+        drawn, faces, *_ = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))
         points, normals = np.asarray(drawn, dtype=np.float64), np.asarray(shape.mesh.face_normals[faces])
         usable = above_table(points) & contains(shape.instance.view.window.to_window(points))
         contacts = Contacts(points[usable], normals[usable], np.full(usable.sum(), number))

@@ -8,8 +8,10 @@ from icgnet.errors import InputError
 
 @dataclass(frozen=True)
 class GraspSearch:
-    """How grasps are looked for."""
+    """How objects and grasps are looked for."""
 
+    merge_parts: Literal["auto", "always", "never"] = "auto"
+    """Join objects whose common border is smooth; auto does so in scenes of several windows, which cut things."""
     contacts: int = 512
     """Contact points that are scored for each window of 0.3 m, shared among its objects."""
     min_score: float = 0.1
@@ -34,6 +36,8 @@ class GraspSearch:
         for name in ("min_score", "good_score"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"{name} must be a probability between 0 and 1, got {getattr(self, name)}")
+        if self.merge_parts not in ("auto", "always", "never"):
+            raise InputError(f"merge_parts must be 'auto', 'always' or 'never', got {self.merge_parts!r}")
         if self.width_from not in ("network", "shape"):
             raise InputError(f"width_from must be 'network' or 'shape', got {self.width_from!r}")
 

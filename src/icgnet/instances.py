@@ -1,6 +1,6 @@
 """The objects in the windows of a scene: encoded once, told apart, and each kept in one window only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,6 +17,8 @@ from icgnet.windows import Window, owners
 
 BATCH = 4
 """Windows that are encoded at once."""
+SAME_IOU = 0.5
+"""Two windows mean the same object when, of the points that both hold, their instances share more than this part."""
 DUPLICATE_OVERLAP = 0.5
 """Two instances that share more than this part of the points of either one are the same object."""
 
@@ -47,7 +49,7 @@ class Instance:
         query: the network's query for it.
         class_name: most probable class.
         class_score: probability of that class, given that it is an object.
-        rows: its points in the tabletop's cloud.
+        rows: its points in the tabletop's cloud; a few may lie outside of the window.
     """
 
     view: EncodedWindow
@@ -114,7 +116,7 @@ def keep_one_of_each(
     """The instances without those that another window shows better; no point belongs to two of them.
 
     A window knows best what lies in its core, so an object first belongs to the window whose middle is nearest to
-    it; after that the more complete one counts.
+    it; after that the more complete one counts. What sticks out of its window is added from the other windows.
 
     Args:
         found: instances of all windows; at least one.
@@ -127,15 +129,32 @@ def keep_one_of_each(
     order = sorted(range(len(found)), key=lambda i: (not at_home[i], -len(found[i].rows)))
     owner_of_point = np.full(len(points), -1)
     kept: list[Instance] = []
-    for index in order:
-        item = found[index]
+    for item in (found[index] for index in order):
         earlier = owner_of_point[item.rows]
-        if _is_duplicate(item, earlier, kept):
-            continue
         free = item.rows[earlier < 0]
-        owner_of_point[free] = len(kept)
-        kept.append(Instance(item.view, item.query, item.class_name, item.class_score, free))
-    return sorted(kept, key=lambda item: -len(item.rows))
+        same = _same_object(item, kept, owner_of_point)
+        if same is not None:
+            owner_of_point[free[~np.isin(free, kept[same].view.rows)]] = same
+        elif not _is_duplicate(item, earlier, kept):
+            owner_of_point[free] = len(kept)
+            kept.append(item)
+    whole = [replace(item, rows=np.flatnonzero(owner_of_point == number)) for number, item in enumerate(kept)]
+    return sorted(whole, key=lambda item: -len(item.rows))
+
+
+def _same_object(item: Instance, kept: list[Instance], owner_of_point: Int[np.ndarray, "n"]) -> int | None:
+    """The kept instance that agrees with this one on the points that both windows hold; None if there is none."""
+    mine = owner_of_point[item.rows]
+    theirs = owner_of_point[item.view.rows]
+    for number in np.unique(mine[mine >= 0]):
+        other = kept[number]
+        if other.view is item.view:
+            continue
+        shared = int((mine == number).sum())
+        either = int((theirs == number).sum()) + int(np.isin(item.rows, other.view.rows).sum()) - shared
+        if shared > SAME_IOU * either:
+            return int(number)
+    return None
 
 
 def _is_duplicate(item: Instance, earlier: Int[np.ndarray, "n"], kept: list[Instance]) -> bool:

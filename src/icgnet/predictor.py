@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import trimesh
 from jaxtyping import Bool, Float, Int
 
 from icgnet.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
@@ -19,10 +20,11 @@ from icgnet.geometry.transforms import check_transform
 from icgnet.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.instances import encode_windows, find_instances
+from icgnet.instances import Instance, encode_windows, find_instances
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
 from icgnet.network.weights import load_weights
+from icgnet.parts import group_parts
 from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.shapes import Shape
 from icgnet.tabletop import Tabletop, find_tabletop
@@ -157,17 +159,20 @@ class Predictor:
         views = encode_windows(self.network, tabletop, windows)
         instances = find_instances(views, points)
         shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
+        parts = np.arange(len(instances))
+        if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and len(windows) > 1):
+            parts = group_parts([item.rows for item in instances], tabletop.cloud)
         clock.lap("encode")
 
         grasps, rejected = self._search(tabletop, shapes, for_contacts, clock)
         result = Prediction(
-            objects=tuple(_detected(number, shape, tabletop, cloud) for number, shape in enumerate(shapes)),
-            grasps=grasps.transformed(tabletop.T_frame_table),
+            objects=tuple(_detected(number, parts, shapes, tabletop, cloud) for number in np.unique(parts).tolist()),
+            grasps=replace(grasps, instances=parts[grasps.instances]).transformed(tabletop.T_frame_table),
             frame_id=cloud.frame_id,
             rejected=rejected,
             timings_ms=clock.laps_ms,
             cloud=cloud,
-            cloud_instances=_labels(shapes, len(cloud)),
+            cloud_instances=_labels(instances, parts, len(cloud)),
             T_frame_table=tabletop.T_frame_table,
             gripper=self.gripper,
             input_rows=input_rows,
@@ -216,21 +221,29 @@ class _Clock:
         self._last = now
 
 
-def _detected(number: int, shape: Shape, tabletop: Tabletop, cloud: PointCloud) -> DetectedObject:
-    item = shape.instance
+def _detected(
+    number: int, parts: Int[np.ndarray, "i"], shapes: list[Shape], tabletop: Tabletop, cloud: PointCloud
+) -> DetectedObject:
+    """The object of this number; its class is that of its largest part."""
+    own = [shapes[index] for index in np.flatnonzero(parts == number)]
+    largest = max((shape.instance for shape in own), key=lambda item: len(item.rows))
+
+    def extract() -> trimesh.Trimesh:
+        return trimesh.util.concatenate([shape.mesh.copy() for shape in own]).apply_transform(tabletop.T_frame_table)
+
     return DetectedObject(
         instance_id=number,
-        class_name=item.class_name,
-        class_score=item.class_score,
-        points=cloud.points[item.rows],
-        extract=lambda: shape.mesh.copy().apply_transform(tabletop.T_frame_table),
+        class_name=largest.class_name,
+        class_score=largest.class_score,
+        points=cloud.points[np.sort(np.concatenate([shape.instance.rows for shape in own]))],
+        extract=extract,
     )
 
 
-def _labels(shapes: list[Shape], count: int) -> Int[np.ndarray, "n"]:
+def _labels(instances: list[Instance], parts: Int[np.ndarray, "i"], count: int) -> Int[np.ndarray, "n"]:
     labels = np.full(count, NO_INSTANCE, dtype=np.int64)
-    for number, shape in enumerate(shapes):
-        labels[shape.instance.rows] = number
+    for part, item in zip(parts, instances, strict=True):
+        labels[item.rows] = part
     return labels
 
 

@@ -131,8 +131,7 @@ def scene_occupancy(shapes: Sequence[Shape], points: Float[np.ndarray, "n 3"]) -
 
 
 def _near_surface(logits: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
-    """Nodes within two steps of a change of sign."""
+    """Nodes next to one of the other sign."""
     inside = logits > 0
     block = np.ones((3, 3, 3), dtype=bool)
-    inner = ndimage.binary_erosion(inside, block, iterations=2)
-    return np.logical_and(ndimage.binary_dilation(inside, block, iterations=2), np.logical_not(inner))
+    return np.logical_xor(ndimage.binary_dilation(inside, block), ndimage.binary_erosion(inside, block))

@@ -25,7 +25,7 @@ SPACING_POINTS = 500
 """Points at most whose neighbours are looked for, to learn the spacing of the cloud."""
 FEWEST_NEIGHBOURS = 4
 """An occupied cell with fewer occupied ones around it is a flying pixel; on a surface there are eight or more."""
-FEWEST_CELLS = 8
+FEWEST_CELLS = 16
 """Smaller connected things are noise."""
 LOWEST_THING = 0.007
 """A connected thing that nowhere rises more than this above the table is a wave in the depth of the table [m]."""
@@ -153,23 +153,24 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
 
 def _over_table(points: Float[np.ndarray, "n 3"], above: Int[np.ndarray, "a"]) -> Bool[np.ndarray, "a"]:
     """Which of the points above the table plane are above the table itself: in the hull of what is seen of it."""
-    table = points[np.abs(points[:, 2] - TABLE_HEIGHT) < TABLE_TOLERANCE, :2]
-    cells = np.floor(table / TABLE_CELL).astype(np.int64)
-    lowest = cells.min(axis=0)
-    counts = np.zeros(cells.max(axis=0) - lowest + 1, dtype=np.int64)
-    np.add.at(counts, tuple((cells - lowest).T), 1)
+    sample = points[:: -(-len(points) // FIT_POINTS)]
+    table = sample[np.abs(sample[:, 2] - TABLE_HEIGHT) < TABLE_TOLERANCE, :2]
+    table = table[np.abs(table - np.median(table, axis=0)).max(axis=1) < 2 * REACH]
+    edges = [
+        np.arange(low, high + 2 * TABLE_CELL, TABLE_CELL) for low, high in zip(table.min(0), table.max(0), strict=True)
+    ]
+    counts, *_ = np.histogram2d(*table.T, bins=edges)
     # Objects and their shadows cut the table in pieces; stray points at its height elsewhere are small pieces.
-    closed = ndimage.binary_closing(np.pad(counts >= FEWEST_IN_CELL, 3), np.ones((3, 3)), iterations=2)
+    closed = ndimage.binary_closing(np.pad(counts >= FEWEST_IN_CELL, 2), np.ones((3, 3)), iterations=2)[2:-2, 2:-2]
     labels = np.zeros(closed.shape, dtype=np.int32)
     ndimage.label(closed, structure=np.ones((3, 3)), output=labels)
-    largest = np.bincount(labels[closed]).argmax() if closed.any() else 0
-    cells = np.argwhere(closed & (labels == largest)) - 3 + lowest
-    corners = cells[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
-    if len(corners) == 0:
+    sizes = np.bincount(labels.ravel())[1:]
+    if len(sizes) == 0:
         return np.ones(len(above), dtype=bool)
-    sides = ConvexHull(TABLE_CELL * corners.reshape(-1, 2)).equations
+    cells = np.argwhere(labels == sizes.argmax() + 1)[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    corners = np.stack([edge[index] for edge, index in zip(edges, cells.reshape(-1, 2).T, strict=True)], axis=1)
     beyond = np.full(len(above), -np.inf)
-    for side in sides:
+    for side in ConvexHull(corners).equations:
         np.maximum(beyond, points[above, :2] @ side[:2] + side[2], out=beyond)
     return beyond <= TABLE_BORDER
 
