@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_json_to_stdout_prints_nothing_else_and_writes_nothing(files, tmp_path, 
     assert {"frame_id", "objects", "grasps", "rejected", "timings_ms"} <= set(result)
     assert result["frame_id"] == "world"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_repeated_predictions_report_the_median_of_each_timing(files, capsys, monkeypatch):
+    laps = iter([50.0, 10.0, 20.0])
+
+    def with_lap(prediction):
+        return replace(prediction, timings_ms={"encode": next(laps)})
+
+    monkeypatch.setattr("icgnet.cli.predict.with_meshes", with_lap)
+    assert predict(files, "view.npz", "--json", "-", "--repeat", "3") == 0
+    assert json.loads(capsys.readouterr().out)["timings_ms"] == {"encode": 20.0}
 
 
 def test_json_to_a_file(files, tmp_path):

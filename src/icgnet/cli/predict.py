@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.console import Console
 
-from icgnet.cli.report import print_tables, with_meshes, write_folder
+from icgnet.cli.report import print_tables, with_median_timings, with_meshes, write_folder
 from icgnet.errors import InputError
 from icgnet.grasp_search import GraspSearch
 from icgnet.objects.classes import class_index
@@ -64,6 +64,8 @@ class Predict:
     """Of everything that is drawn."""
     overwrite: bool = False
     """Replace the output folder even if it is no earlier prediction."""
+    repeat: int = 1
+    """Predict so many times and report the median of each timing."""
     search: Annotated[GraspSearch, tyro.conf.arg(name="")] = field(default_factory=GraspSearch)
 
     def run(self) -> None:
@@ -77,7 +79,9 @@ class Predict:
             class_index(self.object_class)
         if out is not None:
             check_replaceable(out, "result.json", self.overwrite)
-        result = with_meshes(self._choose(self._predict()))
+        if self.repeat < 1:
+            raise InputError(f"repeat must be at least 1, got {self.repeat}")
+        result = self._choose(self._predict())
         if out is not None:
             write_folder(result, out, self.overwrite, self.input.name)
         self._report(result, out)
@@ -89,13 +93,16 @@ class Predict:
         capture = read_capture(self.input, self.intrinsics, self.depth_scale, self.camera_pose, self.viewpoint)
         mask = None if self.mask is None else read_mask(self.mask)
         predictor = Predictor.load(self.weights, self.threads, self.gripper, self.seed, self.search)
-        if isinstance(capture, DepthCapture):
-            return predictor.predict_depth(
-                capture.depth, capture.intrinsics, capture.camera_pose, self.table_height, mask
-            )
-        if mask is not None:
+        if mask is not None and not isinstance(capture, DepthCapture):
             raise InputError(f"{self.input} is a cloud: --mask is for depth images")
-        return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height)
+
+        def predict_once() -> "Prediction":
+            if isinstance(capture, DepthCapture):
+                pose = capture.camera_pose
+                return predictor.predict_depth(capture.depth, capture.intrinsics, pose, self.table_height, mask)
+            return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height)
+
+        return with_median_timings([with_meshes(predict_once()) for _ in range(self.repeat)])
 
     def _choose(self, result: "Prediction") -> "Prediction":
         """The prediction with the grasps that were asked for."""

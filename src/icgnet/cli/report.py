@@ -1,6 +1,7 @@
 """What the command line says about a prediction, and the folder that it writes."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +25,15 @@ def with_meshes(prediction: "Prediction") -> "Prediction":
         item.mesh()
     timings = {**prediction.timings_ms, "meshes": 1e3 * (time.perf_counter() - start)}
     return replace(prediction, timings_ms=timings)
+
+
+def with_median_timings(predictions: Sequence["Prediction"]) -> "Prediction":
+    """The last of several predictions of the same input, with the median of each timing."""
+    timings = {
+        stage: float(np.median([prediction.timings_ms[stage] for prediction in predictions]))
+        for stage in predictions[-1].timings_ms
+    }
+    return replace(predictions[-1], timings_ms=timings)
 
 
 def write_folder(prediction: "Prediction", out: Path, overwrite: bool, title: str) -> None:
