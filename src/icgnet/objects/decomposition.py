@@ -37,7 +37,7 @@ def decompose(mesh: trimesh.Trimesh, cache: Path) -> tuple[trimesh.Trimesh, ...]
 
 def _run_coacd(mesh: trimesh.Trimesh) -> list[Float[np.ndarray, "_ 3"]] | None:
     try:
-        import coacd
+        import coacd  # pyright: ignore[reportMissingImports]
     except ImportError:
         warnings.warn(
             "CoACD is not installed (pip install 'icgnet[decompose]'): the physics sees the convex hull of a mesh, "
