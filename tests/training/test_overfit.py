@@ -13,8 +13,8 @@ from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import evaluate
 from icgnet.training.schedule import learning_rate_factor
 
-STEPS = 100
-SCENES = 2
+STEPS = 200
+SCENES = 4
 
 
 @pytest.mark.slow
