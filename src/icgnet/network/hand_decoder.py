@@ -12,13 +12,13 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.grasping.frame import SINGULAR_COSINE
 from icgnet.network.config import HandConfig, NetworkConfig
 from icgnet.network.decoders import Affordance
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.tokens import dense_map_widths, token_widths
 
-_VERTICAL = 0.98
 _CLEARANCE_UNIT = 0.02
 _POSITIVE_PRIOR = -2.0
 """Initial logit: about one grasp in eight succeeds."""
@@ -33,7 +33,7 @@ def hand_frames(normals: Float[Tensor, "g 3"], angles: int) -> Float[Tensor, "g 
     up = normals.new_tensor([0.0, 0.0, 1.0])
     forward = normals.new_tensor([1.0, 0.0, 0.0])
     across = torch.linalg.cross(up.expand_as(normals), normals)
-    vertical = normals[:, 2:].abs() > _VERTICAL
+    vertical = normals[:, 2:].abs() > SINGULAR_COSINE
     across = torch.where(vertical, forward - normals[:, :1] * normals, across)
     across = across / across.norm(dim=1, keepdim=True)
     down = torch.linalg.cross(across, normals)
