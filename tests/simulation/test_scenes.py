@@ -98,21 +98,10 @@ class NoObjects(ObjectSet):
     def _load(self, key):
         raise NotImplementedError
 
+    def fingerprint(self, key):
+        raise NotImplementedError
+
 
 def test_an_object_set_without_objects_for_the_scene_is_refused(rng):
     with pytest.raises(InputError, match="'empty' has no objects for pile scenes in split 'train'"):
         spawn_scene("pile", NoObjects("empty"), "train", rng)
-
-
-@pytest.mark.slow
-def test_as_many_test_objects_are_placed_as_in_the_published_benchmark(vgn_objects):
-    """Published, of 5: packed 3.60; pile 4.48 at 80 Hz and 4.73 at 240 Hz (ours steps at 250 Hz)."""
-    vgn = load_object_set(vgn_objects)
-    counts = {
-        kind: np.mean(
-            [len(spawn_scene(kind, vgn, "test", np.random.default_rng([7, s]), count=5).objects) for s in range(12)]
-        )
-        for kind in ("packed", "pile")
-    }
-    assert 3.2 < counts["packed"] < 4.0
-    assert 4.4 < counts["pile"] <= 5.0

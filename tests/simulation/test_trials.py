@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from icgnet.errors import InputError
-from icgnet.geometry.transforms import make_transform, rotation_z
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
-from icgnet.objects.object_set import load_object_set
 from icgnet.simulation.contacts import Contacts
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.physics import Physics
 from icgnet.simulation.trials import Jitter, Trials, retreat_vector
 
 EXACT = Jitter(0.0, 0.0)
@@ -77,9 +75,7 @@ def test_holding_another_object_is_no_success(standing_box, gripper):
     trials = Trials([standing_box(0.05, 0.05, 0.1), standing_box(0.03, 0.03, 0.03, x=0.25)], gripper, Physics())
     pose = grasp_poses(_contact().positions, NORMAL, np.array([0.05]))[0, 5]
     assert trials.run(pose, 0.062, target=0).success
-    outcome = trials.run(pose, 0.062, target=1)
-    assert not outcome.success
-    assert not outcome.disturbed, "it gave up before lifting"
+    assert not trials.run(pose, 0.062, target=1).success
 
 
 def test_dragging_a_neighbour_along_is_disturbing(standing_box, gripper):
@@ -123,6 +119,26 @@ def test_a_trial_leaves_nothing_behind_for_the_next(standing_box, gripper):
     np.testing.assert_array_equal(first, final_state(poses[5]))
 
 
+def test_a_contact_lost_for_a_moment_is_no_failure(standing_box, gripper, monkeypatch):
+    """Regression: objects that rock between the pads miss a contact now and then, and used to count as dropped."""
+    trials = Trials([standing_box(0.05, 0.05, 0.1)], gripper, Physics())
+    pose = grasp_poses(_contact().positions, NORMAL, np.array([0.05]))[0, 5]
+    is_held, calls = trials.world.is_held, iter([False, False])
+    monkeypatch.setattr(trials.world, "is_held", lambda target: next(calls, True) and is_held(target))
+    assert trials.run(pose, 0.062, target=0).success
+
+
+def test_the_filter_and_the_simulated_approach_agree(standing_box, gripper):
+    bodies = [standing_box(0.05, 0.05, 0.1), standing_box(0.05, 0.05, 0.1, x=0.22)]
+    trials = Trials(bodies, gripper, Physics())
+    poses = grasp_poses(_contact(x=0.16).positions, NORMAL, np.array([0.05]))[0]
+    filtered = trials.checker.collides(poses, np.full(12, 0.062))
+    simulated = [trials.run_with_approach(pose, 0.062, target=0) for pose in poses]
+    np.testing.assert_array_equal(filtered, [outcome.collided for outcome in simulated])
+    np.testing.assert_array_equal(~filtered, [outcome.success for outcome in simulated])
+    assert 0 < filtered.sum() < 12
+
+
 def test_labels_depend_on_nothing_but_the_random_stream(standing_box, gripper):
     def labels():
         bodies = [standing_box(0.05, 0.06, 0.1)]
@@ -149,27 +165,3 @@ def test_the_hand_retreats_upwards_after_a_side_grasp_and_else_as_it_came():
 def test_negative_jitter_is_refused():
     with pytest.raises(InputError, match="jitter"):
         Jitter(contact=-0.001)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "scale", "width", "yaw"),
-    [
-        ("packed/chips_can", 0.75, 0.0611, 0.0),
-        ("pile/soccer_ball_poisson_000", 0.9, 0.065, 0.0),
-        ("pile/jar_poisson_004", 0.9, 0.0588, 0.0),
-        ("pile/boot_poisson_005", 0.9, 0.0249, np.pi / 2),
-        ("pile/ChocSticks_800_tex", 0.9, 0.0155, np.pi / 2),
-    ],
-)
-def test_reference_grasps_hold_as_in_the_published_simulation(vgn_objects, gripper, name, scale, width, yaw):
-    """Upright at the centre, from above, tips 3 cm below the top; the published hulls are 1 mm thicker all round."""
-    model = load_object_set(vgn_objects).model(name)
-    lower, upper = model.visual.bounds[:, 2] * scale
-    trials = Trials(
-        [Body(model, scale, make_transform(np.eye(3), np.array([0.15, 0.15, 0.05 - lower])))], gripper, Physics()
-    )
-    pose = make_transform(rotation_z(yaw) @ np.diag([1.0, -1.0, -1.0]), np.array([0.15, 0.15, 0.02 + upper - lower]))
-    assert trials.run(pose, 0.08, target=0).success
-    assert trials.world.hand.opening() == pytest.approx(width, abs=0.005)
-    assert trials.world.object_positions()[0, 2] + lower == pytest.approx(0.15, abs=0.005)

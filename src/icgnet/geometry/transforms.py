@@ -28,12 +28,14 @@ def invert_transform(T_a_b: Float[np.ndarray, "*b 4 4"]) -> Float[np.ndarray, "*
 
 def transform_points(T_a_b: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     """Points [m] of frame b in frame a."""
-    return points @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+    return transform_vectors(T_a_b, points) + T_a_b[:3, 3]
 
 
 def transform_vectors(T_a_b: Float[np.ndarray, "4 4"], vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     """Directions of frame b in frame a (rotated, not shifted)."""
-    return vectors @ T_a_b[:3, :3].T
+    # This side of the product is several times faster than `vectors @ R.T` with its many short rows.
+    flat = (T_a_b[:3, :3] @ vectors.reshape(-1, 3).T).T
+    return np.ascontiguousarray(flat).reshape(vectors.shape)
 
 
 def rotation_z(angle: float) -> Float[np.ndarray, "3 3"]:

@@ -38,7 +38,7 @@ class Physics:
     """
 
     timestep: float = 0.004
-    impratio: float = 10.0
+    impratio: float = 100.0
     object_mass: float = 0.5
     object_friction: float = 1.0
     table_friction: float = 0.5

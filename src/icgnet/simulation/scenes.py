@@ -7,19 +7,37 @@ from jaxtyping import Float
 
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform, random_rotation, rotation_z, transform_points
-from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import Kind, ObjectSet, Split, check_kind_and_split
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.scene import PlacedObject, Scene
+from icgnet.simulation.settling import Settling
 from icgnet.simulation.world import World
 
 PACKED_ATTEMPTS = 12
 PACKED_GAP = 0.002  # objects nearer than this count as touching [m]
 PACKED_FALL = 0.005  # packed objects start this far above the table [m]
 PILE_DROP = 0.2  # height above the table from which pile objects are dropped [m]
-REST_SPEED = 0.01  # [m/s and rad/s together]
-REST_CHECK = 0.25  # time between two looks at the speeds [s]
+
+
+@dataclass(frozen=True)
+class Spawn:
+    """A random scene at rest, and how it came about.
+
+    Attributes:
+        scene: what stands on the table.
+        attempts: objects that were tried.
+        rejected: packed objects that had no room where they were tried.
+        lost: objects that left the workspace; all of them, should the simulation have become unstable.
+        top_speed: largest speed of any object [m/s]; nan if it was not watched.
+    """
+
+    scene: Scene
+    attempts: int
+    rejected: int
+    lost: int
+    top_speed: float
 
 
 @dataclass(frozen=True)
@@ -44,6 +62,19 @@ def spawn_scene(
     count: int | None = None,
     physics: Physics | None = None,
 ) -> Scene:
+    """A random scene at rest; see `spawn`."""
+    return spawn(kind, object_set, split, rng, count, physics).scene
+
+
+def spawn(
+    kind: Kind,
+    object_set: ObjectSet,
+    split: Split,
+    rng: np.random.Generator,
+    count: int | None = None,
+    physics: Physics | None = None,
+    watch_speed: bool = False,
+) -> Spawn:
     """A random scene at rest. It may hold fewer than `count` objects, even none.
 
     Args:
@@ -53,26 +84,26 @@ def spawn_scene(
         rng: source of every draw.
         count: number of objects to try for; drawn by `draw_count` if None.
         physics: engine settings; the benchmark's if None.
+        watch_speed: look at the speeds after every step, which is slower.
 
     Raises:
         InputError: unknown kind or split, or the object set has nothing for them.
     """
     check_kind_and_split(kind, split)
     count = draw_count(rng) if count is None else count
-    physics = physics or Physics()
     names = object_set.names(kind, split)
     if not names:
         raise InputError(f"object set {object_set.name!r} has no objects for {kind} scenes in split {split!r}")
     if kind == "packed":
         draws = [_draw(object_set, names, rng, (0.08, 0.22), (0.7, 0.8), upright=True) for _ in range(PACKED_ATTEMPTS)]
-        world = _pack(draws, count, physics)
     else:
         draws = [_draw(object_set, names, rng, (0.1, 0.2), (0.8, 1.0), upright=False) for _ in range(count)]
-        world = _pile(draws, physics)
-    poses = world.object_poses()
-    return Scene(
-        kind, tuple(PlacedObject(draws[i].name, draws[i].scale, poses[i]) for i in np.flatnonzero(world.present))
-    )
+    spawner = _Spawner(draws, physics or Physics(), drop_box=kind == "pile", watch_speed=watch_speed)
+    if kind == "packed":
+        spawner.pack(count)
+    else:
+        spawner.pile()
+    return spawner.result(kind)
 
 
 def _draw(
@@ -89,57 +120,49 @@ def _draw(
     return _Draw(name, object_set.model(name), rng.uniform(*scale_range), rotation, xy)
 
 
-def _empty_world(draws: list[_Draw], physics: Physics, drop_box: bool) -> World:
-    world = World([Body(draw.model, draw.scale, np.eye(4)) for draw in draws], physics, drop_box=drop_box)
-    for index in range(len(draws)):
-        world.park(index)
-    return world
+class _Spawner:
+    """Places drawn objects in a world, one after the other, and counts what happens."""
 
+    def __init__(self, draws: list[_Draw], physics: Physics, drop_box: bool, watch_speed: bool) -> None:
+        self._draws = draws
+        self._world = World([Body(draw.model, draw.scale, np.eye(4)) for draw in draws], physics, drop_box=drop_box)
+        for index in range(len(draws)):
+            self._world.park(index)
+        self._settling = Settling(self._world, watch_speed)
+        self._attempts = self._rejected = 0
 
-def _pack(draws: list[_Draw], count: int, physics: Physics) -> World:
-    world = _empty_world(draws, physics, drop_box=False)
-    for index, draw in enumerate(draws):
-        if world.present.sum() == count:
-            break
-        before = world.snapshot()
-        vertices = transform_points(make_transform(draw.rotation, np.zeros(3)), draw.model.visual.vertices * draw.scale)
-        height = TABLE_HEIGHT + PACKED_FALL - vertices[:, 2].min()
-        world.place(index, make_transform(draw.rotation, np.array([*draw.xy, height])))
-        if world.touches_anything(index, PACKED_GAP):
-            world.restore(before)
-        else:
-            _remove_outside(world)
-    return world
+    def pack(self, count: int) -> None:
+        """Stands objects on free places of the table until there are `count`, or the draws are used up."""
+        world = self._world
+        for index, draw in enumerate(self._draws):
+            if world.present.sum() == count:
+                break
+            self._attempts += 1
+            before = world.snapshot()
+            vertices = draw.model.visual.vertices * draw.scale
+            lowest = transform_points(make_transform(draw.rotation, np.zeros(3)), vertices)[:, 2].min()
+            height = TABLE_HEIGHT + PACKED_FALL - lowest
+            world.place(index, make_transform(draw.rotation, np.array([*draw.xy, height])))
+            if world.touches_anything(index, PACKED_GAP):
+                self._rejected += 1
+                world.restore(before)
+            else:
+                self._settling.remove_outside()
 
+    def pile(self) -> None:
+        """Drops all objects into the drop box and takes the box away."""
+        for index, draw in enumerate(self._draws):
+            self._attempts += 1
+            self._world.place(index, make_transform(draw.rotation, np.array([*draw.xy, TABLE_HEIGHT + PILE_DROP])))
+            self._settling.wait_for_rest(timeout=1.0)
+        self._world.remove_drop_box()
+        self._settling.remove_outside()
 
-def _pile(draws: list[_Draw], physics: Physics) -> World:
-    world = _empty_world(draws, physics, drop_box=True)
-    for index, draw in enumerate(draws):
-        world.place(index, make_transform(draw.rotation, np.array([*draw.xy, TABLE_HEIGHT + PILE_DROP])))
-        _wait_for_rest(world, timeout=1.0)
-    world.remove_drop_box()
-    _remove_outside(world)
-    return world
-
-
-def _wait_for_rest(world: World, timeout: float) -> None:
-    steps = round(REST_CHECK / world.physics.timestep)
-    for _ in range(round(timeout / REST_CHECK)):
-        world.step(steps)
-        if world.speeds().max(initial=0.0) <= REST_SPEED:
-            return
-
-
-def _remove_outside(world: World) -> None:
-    """Waits for rest and takes away what has left the workspace, until nothing more leaves it.
-
-    An object has left when its centre of mass is beside the cube or below its floor; there is no upper limit.
-    """
-    while True:
-        _wait_for_rest(world, timeout=2.0)
-        centres = world.centres_of_mass()
-        outside = ((centres < 0.0).any(axis=1) | (centres[:, :2] > SIZE).any(axis=1)) & world.present
-        for index in np.flatnonzero(outside):
-            world.park(int(index))
-        if not outside.any():
-            return
+    def result(self, kind: Kind) -> Spawn:
+        """The scene as it is now."""
+        world = self._world
+        present = np.flatnonzero(world.present & ~world.is_unstable())
+        poses = world.object_poses()
+        objects = tuple(PlacedObject(self._draws[i].name, self._draws[i].scale, poses[i]) for i in present)
+        lost = self._settling.lost + int(world.present.sum()) - len(objects)
+        return Spawn(Scene(kind, objects), self._attempts, self._rejected, lost, self._settling.top_speed)

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from icgnet.errors import InputError
+from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
-from icgnet.simulation.approach import ApproachChecker
+from icgnet.simulation.approach import APPROACH_LENGTH, ApproachChecker
 from icgnet.simulation.contacts import Contacts
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.world import World
@@ -20,7 +21,10 @@ SIDE_GRASP = np.pi / 3  # beyond this angle from straight down, the hand retreat
 DISTURBED_SHIFT = 0.05  # a neighbour that moved this far was disturbed [m]
 DISTURBED_TURN = 0.1  # ... or whose quaternion changed by this norm
 LIFT = 0.10  # length of the retreat [m]
-CLOSE_TIMEOUT, LIFT_TIME, SETTLE_TIME = 0.6, 0.3, 0.08  # [s]
+APPROACH_TIME, CLOSE_TIMEOUT, LIFT_TIME, SETTLE_TIME = 0.3, 0.6, 0.3, 0.06  # [s]
+LIFT_CHECK = 15  # steps between two looks at the object while lifting
+LOST_SHIFT = 0.04  # an object that moved this far in the hand will not be lifted [m]
+HELD_STEPS = 5  # both fingers must touch the object in one of the last steps
 CLOSED_SPEED = 0.002  # fingers slower than this have closed [m/s]
 
 
@@ -39,6 +43,13 @@ class Jitter:
     def __post_init__(self) -> None:
         if self.contact < 0.0 or self.normal < 0.0:
             raise InputError(f"jitter must not be negative, got contact {self.contact} m, normal {self.normal} rad")
+
+    def apply(
+        self, positions: Float[np.ndarray, "*n 3"], normals: Float[np.ndarray, "*n 3"], rng: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "*n 3"], Float[np.ndarray, "*n 3"]]:
+        """Positions [m] and unit normals as an imperfect perception would give them."""
+        shifted = positions + rng.normal(scale=self.contact, size=positions.shape)
+        return shifted, _tilt(normals, rng.normal(scale=self.normal, size=normals.shape))
 
 
 @dataclass(frozen=True)
@@ -75,6 +86,7 @@ class Outcome:
 
     success: bool
     disturbed: bool
+    collided: bool = False
 
 
 class Trials:
@@ -105,10 +117,11 @@ class Trials:
             rng: source of the jitter.
             jitter: how far the executed grasps are off.
         """
-        shape = (len(contacts), ANGLES, 3)
-        positions = contacts.positions[:, None] + rng.normal(scale=jitter.contact, size=shape)
-        normals = np.repeat(contacts.normals[:, None], ANGLES, axis=1)
-        normals = _tilt(normals, rng.normal(scale=jitter.normal, size=shape))
+        positions, normals = jitter.apply(
+            np.repeat(contacts.positions[:, None], ANGLES, axis=1),
+            np.repeat(contacts.normals[:, None], ANGLES, axis=1),
+            rng,
+        )
         return Labels.concatenate(
             [
                 self._label_contact(int(target), positions[i], normals[i], contacts.widths[i])
@@ -149,20 +162,38 @@ class Trials:
 
     def run(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, target: int) -> Outcome:
         """Closes the hand at a pose that it has reached, lifts, and reports; the approach is not checked here."""
+        self.world.restore(self._start)
+        self.world.hand.place(T_world_grasp, opening)
+        return self._close_and_lift(T_world_grasp, target)
+
+    def run_with_approach(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, target: int) -> Outcome:
+        """The whole trial in physics: the open hand moves in, and fails when it touches anything on its way.
+
+        Slow: what `label` decides by a collision check is simulated here, to measure how often both agree.
+        """
         world, hand = self.world, self.world.hand
+        way = APPROACH_LENGTH * T_world_grasp[:3, 2]
         world.restore(self._start)
-        hand.place(T_world_grasp, opening)
-        hand.squeeze(self.gripper.finger_force)
+        hand.place(make_transform(T_world_grasp[:3, :3], T_world_grasp[:3, 3] - way), opening)
+        for position in _smooth_path(T_world_grasp[:3, 3] - way, way, self._steps(APPROACH_TIME)):
+            hand.move_to(position)
+            world.step()
+            if world.hand_touches_anything():
+                return Outcome(False, self._disturbs(target), collided=True)
+        return self._close_and_lift(T_world_grasp, target)
+
+    def _close_and_lift(self, T_world_grasp: Float[np.ndarray, "4 4"], target: int) -> Outcome:
+        world = self.world
+        world.hand.squeeze(self.gripper.finger_force)
         self._close()
-        if not self._holds(target):
+        before = self._place_in_hand(target)
+        height = world.centres_of_mass()[target, 2]
+        if not self._lift(T_world_grasp[:3, 3], retreat_vector(T_world_grasp), target, before):
             return Outcome(False, self._disturbs(target))
-        before = world.centres_of_mass()[target]
-        if not self._lift(T_world_grasp[:3, 3], retreat_vector(T_world_grasp), target):
-            return Outcome(False, self._disturbs(target))
-        world.step(self._steps(SETTLE_TIME))
-        risen = world.centres_of_mass()[target, 2] - before[2]
+        held = self._settle(target)
+        risen = world.centres_of_mass()[target, 2] - height
         lifted = risen > 0.5 * retreat_vector(T_world_grasp)[2]
-        return Outcome(bool(lifted and self._holds(target)), self._disturbs(target))
+        return Outcome(bool(lifted and held and not world.is_unstable()), self._disturbs(target))
 
     def _steps(self, duration: float) -> int:
         return round(duration / self.world.physics.timestep)
@@ -175,21 +206,40 @@ class Trials:
             if world.hand.finger_speed() < CLOSED_SPEED:
                 return
 
-    def _lift(self, start: Float[np.ndarray, "3"], path: Float[np.ndarray, "3"], target: int) -> bool:
-        """Moves the hand along `path` [m], smoothly; gives up, with False, once the object is no longer held."""
-        steps = self._steps(LIFT_TIME)
-        for step in range(1, steps + 1):
-            progress = step / steps
-            self.world.hand.move_to(start + path * progress**2 * (3.0 - 2.0 * progress))
+    def _lift(
+        self,
+        start: Float[np.ndarray, "3"],
+        path: Float[np.ndarray, "3"],
+        target: int,
+        place: Float[np.ndarray, "3"],
+    ) -> bool:
+        """Moves the hand along `path` [m], smoothly; gives up, with False, once the object has left its place in it."""
+        for step, position in enumerate(_smooth_path(start, path, self._steps(LIFT_TIME)), start=1):
+            self.world.hand.move_to(position)
             self.world.step()
-            if step % 15 == 0 and not self._holds(target):
+            if step % LIFT_CHECK == 0 and self._has_lost(target, place):
                 return False
         return True
 
-    def _holds(self, target: int) -> bool:
-        """Whether both fingers touch the object and are not closed on each other."""
-        world = self.world
-        return world.hand.opening() > MIN_OPENING and world.is_held(target)
+    def _settle(self, target: int) -> bool:
+        """Waits, and says whether both fingers held the object at the end of it."""
+        self.world.step(self._steps(SETTLE_TIME))
+        for _ in range(HELD_STEPS):
+            self.world.step()
+            # A contact may be missing for one step while the object rocks between the pads.
+            if self.world.is_held(target) and self.world.hand.opening() > MIN_OPENING:
+                return True
+        return False
+
+    def _place_in_hand(self, target: int) -> Float[np.ndarray, "3"]:
+        """Where the object's centre of mass is, seen from the hand but along the world's axes [m]."""
+        return self.world.centres_of_mass()[target] - self.world.hand.position()
+
+    def _has_lost(self, target: int, place: Float[np.ndarray, "3"]) -> bool:
+        """Whether the fingers are closed, or the object is far from the place in the hand that it had."""
+        if self.world.hand.opening() <= MIN_OPENING:
+            return True
+        return bool(np.linalg.norm(self._place_in_hand(target) - place) > LOST_SHIFT)
 
     def _disturbs(self, target: int) -> bool:
         """Whether any other object is not where it was before the trial."""
@@ -207,6 +257,12 @@ def retreat_vector(T_world_grasp: Float[np.ndarray, "4 4"]) -> Float[np.ndarray,
     approach = T_world_grasp[:3, 2]
     is_from_side = np.arccos(np.clip(-approach[2], -1.0, 1.0)) > SIDE_GRASP
     return LIFT * np.array([0.0, 0.0, 1.0]) if is_from_side else -LIFT * approach
+
+
+def _smooth_path(start: Float[np.ndarray, "3"], way: Float[np.ndarray, "3"], steps: int) -> Float[np.ndarray, "s 3"]:
+    """Positions [m] of a movement that begins and ends at rest."""
+    progress = np.arange(1, steps + 1)[:, None] / steps
+    return start + way * progress**2 * (3.0 - 2.0 * progress)
 
 
 def _tilt(normals: Float[np.ndarray, "*n 3"], tilts: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from icgnet.geometry.transforms import make_transform, matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.hand import SIDES, add_hand
 from icgnet.simulation.physics import Body, Physics, add_drop_box, add_objects, new_spec
+
+UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+# The engine would write a log file into the user's folder; `World.is_unstable` tells the same.
+mujoco.set_mju_user_warning(lambda _: None)
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,7 @@ class World:
         self._object_of_geom = np.full(self.model.ngeom, -1)
         for index, geoms in enumerate(self._geoms):
             self._object_of_geom[geoms] = index
+        self._table = self.model.geom("table").id
         self._walls = (
             np.array([self.model.geom(f"wall_{i}").id for i in range(4)], int) if drop_box else np.zeros(0, int)
         )
@@ -89,6 +94,10 @@ class World:
     def step(self, count: int = 1) -> None:
         """Advances time by `count` steps."""
         mujoco.mj_step(self.model, self.data, count)
+
+    def is_unstable(self) -> bool:
+        """Whether the engine has met numbers that are not finite, and started again from the first state."""
+        return any(self.data.warning[kind].number > 0 for kind in UNSTABLE)
 
     def snapshot(self) -> Snapshot:
         """The complete state: positions, velocities, sleep, solver warm start, targets, what is parked."""
@@ -124,6 +133,10 @@ class World:
         velocity = self.data.qvel[self._dofs[:, None] + np.arange(6)]
         return np.linalg.norm(velocity, axis=1) * self.present
 
+    def linear_speeds(self) -> Float[np.ndarray, "o"]:
+        """Speed of each object's origin [m/s], zero for parked ones."""
+        return np.linalg.norm(self.data.qvel[self._dofs[:, None] + np.arange(3)], axis=1) * self.present
+
     def place(self, index: int, T_world_object: Float[np.ndarray, "4 4"]) -> None:
         """Puts an object at a pose [m], at rest, and makes it present."""
         address = self._qpos[index]
@@ -156,6 +169,22 @@ class World:
         touching = pairs[(self._object_of_geom[pairs] == index).any(axis=1)]
         return bool((self.hand.finger_of_geom[touching].max(axis=1, initial=-1)[:, None] == [0, 1]).any(axis=0).all())
 
+    def objects_touched_by_hand(self) -> Int[np.ndarray, "k"]:
+        """The objects that any part of the hand was in contact with in the last step, in the order of the contacts."""
+        pairs = self.data.contact.geom
+        touched = self._object_of_geom[pairs[self.hand.is_hand[pairs].any(axis=1)]].max(axis=1, initial=-1)
+        objects, first = np.unique(touched[touched >= 0], return_index=True)
+        return objects[np.argsort(first)]
+
+    def hand_touches_table(self) -> bool:
+        """Whether any part of the hand was in contact with the table in the last step."""
+        pairs = self.data.contact.geom
+        return bool((self.hand.is_hand[pairs].any(axis=1) & (pairs == self._table).any(axis=1)).any())
+
+    def hand_touches_anything(self) -> bool:
+        """Whether any part of the hand was in contact with an object or the table in the last step."""
+        return bool(self.hand.is_hand[self.data.contact.geom].any())
+
     def _set_present(self, index: int, present: bool) -> None:
         body = self._object_bodies[index]
         self._set_solid(self._geoms[index], present)
@@ -176,11 +205,12 @@ class HandControl:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, gripper: Gripper) -> None:
         self._data = data
-        hand = model.body("hand").id
+        hand = self._body = model.body("hand").id
         self._qpos = model.jnt_qposadr[model.body_jntadr[hand]]
         self._dof = model.body_dofadr[hand]
         self._slides = np.array([model.joint(f"slide_{side}").qposadr[0] for side, _ in SIDES])
         self._slide_dofs = np.array([model.joint(f"slide_{side}").dofadr[0] for side, _ in SIDES])
+        self.is_hand = model.body_rootid[model.geom_bodyid] == hand
         self.finger_of_geom = np.full(model.ngeom, -1)
         for number, (side, _) in enumerate(SIDES):
             self.finger_of_geom[model.geom_bodyid == model.body(f"finger_{side}").id] = number
@@ -200,6 +230,10 @@ class HandControl:
     def move_to(self, position: Float[np.ndarray, "3"]) -> None:
         """Moves the hand's target to a position [m], keeping its orientation."""
         self._data.mocap_pos[0] = position
+
+    def position(self) -> Float[np.ndarray, "3"]:
+        """Where the hand is, the origin of its grasp frame in the world [m]."""
+        return self._data.xpos[self._body].copy()
 
     def finger_speed(self) -> float:
         """How fast the faster finger moves [m/s]."""

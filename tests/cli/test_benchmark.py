@@ -1,0 +1,42 @@
+import json
+
+import pytest
+
+from icgnet.cli.main import USAGE_ERROR, main
+from icgnet.datagen.generate import GenerateConfig, generate
+from icgnet.datagen.label_scene import LabelSettings
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scenes")
+    generate(folder, GenerateConfig(scene="packed", scenes=2, labels=LabelSettings(contacts=4)))
+    return folder
+
+
+def test_loader_prints_scenes_per_second_and_writes_a_report(scenes, tmp_path, capsys):
+    assert main(["benchmark", "loader", str(scenes), "--visits", "4", "--out", str(tmp_path / "report")]) == 0
+    assert "scenes a second on one core" in capsys.readouterr().out
+    report = json.loads((tmp_path / "report" / "report.json").read_text())
+    numbers = report["loader"]
+    assert numbers["visits"] == 4
+    assert numbers["p10_ms"] <= numbers["median_ms"] <= numbers["p90_ms"]
+    assert numbers["scenes_per_second"] > 0
+    assert report["settings"]["preset"] == "cpu"
+    assert report["origin"].keys() == {"version", "commit", "processor", "cores", "python"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["loader", "nowhere"], "nowhere"),
+        (["simulation", "--objects", "nowhere"], "nowhere"),
+        (["simulation", "--objects", "procedural", "--scenes", "1"], "packed/chips_can"),
+    ],
+)
+def test_unusable_input_is_one_line_and_exit_code_2(arguments, message, capsys):
+    assert main(["benchmark", *arguments]) == USAGE_ERROR
+    error = capsys.readouterr().err
+    assert error.startswith("error:")
+    assert message in error
+    assert error.count("\n") == 1
