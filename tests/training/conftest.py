@@ -35,6 +35,9 @@ class ShapeSet(ObjectSet):
     def class_name(self, key):
         return SHAPES[key][0]
 
+    def fingerprint(self, key):
+        return key
+
     def _load(self, key):
         name, mesh = SHAPES[key]
         return ObjectModel(key, name, mesh, (mesh,))

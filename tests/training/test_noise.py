@@ -1,21 +1,14 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
-from icgnet.training.noise import (
-    NOISES,
-    SensorNoise,
-    add_error_field,
-    add_flying_pixels,
-    apply_gain,
-    corrupt_depth,
-    corrupt_points,
-    cubic_upsampling,
-    cut_holes,
-    erased_blocks,
-    quantise_disparity,
-)
+from icgnet.geometry.camera import DEFAULT_INTRINSICS
+from icgnet.simulation.camera import NOTHING, DepthImage
+from icgnet.training.gallery import ALONE
+from icgnet.training.noise import NEVER, NOISES, Amount, SensorNoise, corrupt_depth, corrupt_points, exactly, up_to
 
-PROBABILITIES = ("field_probability", "quantisation_probability", "flying_probability", "holes_probability")
+IMAGE_MODELS = {name: noise for name, noise in ALONE.items() if name != "clean"}
 
 
 @pytest.fixture
@@ -25,97 +18,119 @@ def rng():
 
 def step_image():
     """A wall at 0.5 m before a wall at 0.7 m, and a column where nothing was measured."""
-    depth = np.full((60, 80), 0.7)
+    depth = np.full((60, 80), 0.7, np.float32)
     depth[:, 30:50] = 0.5
+    ids = np.where(depth == 0.5, 0, -2)
     depth[:, 70] = 0.0
-    return depth
+    return DepthImage(depth, ids)
+
+
+@pytest.mark.parametrize(
+    ("amount", "share", "least", "most"),
+    [(NEVER, 0.0, 0, 0), (exactly(2.0), 1.0, 2, 2), (up_to(3.0, 0.25), 0.25, 0, 3), (Amount(1.0, 2.0, 0.5), 0.5, 1, 2)],
+)
+def test_amounts_are_drawn_in_their_range_and_as_often_as_asked(amount, share, least, most, rng):
+    drawn = np.array([amount.draw(rng) for _ in range(4000)])
+    there = drawn[drawn > 0]
+    assert len(there) / len(drawn) == pytest.approx(share, abs=0.03)
+    if len(there):
+        assert least <= there.min() <= there.max() <= most
+        assert there.mean() == pytest.approx((least + most) / 2, rel=0.05)
 
 
 def test_clean_sensor_changes_nothing(rng):
-    depth, flying = corrupt_depth(step_image(), 540.0, NOISES["clean"], rng)
-    np.testing.assert_array_equal(depth, step_image())
-    assert not flying.any()
+    image = corrupt_depth(step_image(), DEFAULT_INTRINSICS, NOISES["clean"], rng)
+    np.testing.assert_array_equal(image.depth, step_image().depth)
+    np.testing.assert_array_equal(image.ids, step_image().ids)
     points = rng.uniform(0, 0.3, (100, 3))
     kept, index = corrupt_points(points, NOISES["clean"], rng)
     np.testing.assert_array_equal(kept, points)
     np.testing.assert_array_equal(index, np.arange(100))
 
 
-def test_same_seed_gives_same_noise():
-    first, second = (corrupt_depth(step_image(), 540.0, NOISES["mixed"], np.random.default_rng(7))[0] for _ in range(2))
-    np.testing.assert_array_equal(first, second)
+@pytest.mark.parametrize("name", NOISES)
+def test_same_seed_gives_same_noise(name):
+    first, second = (
+        corrupt_depth(step_image(), DEFAULT_INTRINSICS, NOISES[name], np.random.default_rng(7)) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.depth, second.depth)
+    np.testing.assert_array_equal(first.ids, second.ids)
 
 
-def test_unmeasured_pixels_stay_unmeasured(rng):
-    everything = SensorNoise(gain=0.03, field=0.005, **dict.fromkeys(PROBABILITIES, 1.0))
-    depth, _ = corrupt_depth(step_image(), 540.0, everything, rng)
-    assert (depth[:, 70] == 0).all()
-    assert not np.array_equal(depth, step_image())
+@pytest.mark.parametrize("name", IMAGE_MODELS)
+def test_each_model_alone_changes_the_picture_or_the_cloud_and_not_its_input(name, rng):
+    image, points = step_image(), rng.uniform(0, 0.3, (500, 3))
+    before = points.copy()
+    sensed = corrupt_depth(image, DEFAULT_INTRINSICS, IMAGE_MODELS[name], np.random.default_rng(1))
+    kept, index = corrupt_points(points, IMAGE_MODELS[name], np.random.default_rng(1))
+    smooth_only = name.startswith("spatial filter")
+    same = np.array_equal(sensed.depth, image.depth) and np.array_equal(kept, before)
+    assert same == smooth_only, "walls without noise have nothing to smooth"
+    np.testing.assert_array_equal(image.depth, step_image().depth)
+    np.testing.assert_array_equal(points, before)
+    assert len(kept) == len(index)
+    assert np.abs(kept - points[index]).max() < 0.02
 
 
-def test_gain_is_one_factor_with_the_named_spread(rng):
-    gains = np.array([apply_gain(np.ones((2, 2)), 0.0316, rng) for _ in range(4000)])
-    assert np.ptp(gains, axis=(1, 2)).max() == 0
-    assert gains.mean() == pytest.approx(1.0, abs=0.002)
-    assert gains.std() == pytest.approx(0.0316, rel=0.05)
+def test_every_error_is_shown_alone_once():
+    for each in fields(SensorNoise):
+        shown = [name for name, noise in ALONE.items() if getattr(noise, each.name) != NEVER]
+        assert len(shown) == 1, each.name
 
 
-def test_error_field_is_smooth_and_has_its_sigma(rng):
-    field = add_error_field(np.ones((200, 240)), 0.005, rng) - 1.0
-    # Between the coarse samples a cubic averages, which takes about a fifth off the sigma in two dimensions.
-    assert 0.0035 < field.std() < 0.0055
-    assert np.abs(np.diff(field, axis=1)).std() < 0.6 * field.std()
+@pytest.mark.parametrize("name", NOISES)
+def test_unmeasured_pixels_stay_unmeasured_and_depths_stay_finite(name):
+    for seed in range(5):
+        image = corrupt_depth(step_image(), DEFAULT_INTRINSICS, NOISES[name], np.random.default_rng(seed))
+        assert (image.depth[:, 70] == 0).all()
+        assert np.isfinite(image.depth).all()
+        assert (image.depth >= 0).all()
 
 
-def test_cubic_upsampling_goes_through_its_samples_and_reproduces_parabolas():
-    weights = cubic_upsampling(41, 4)
-    coarse = np.arange(weights.shape[1]) - 1.0
-    fine = np.arange(41) / 4
-    np.testing.assert_allclose(weights @ coarse**2, fine**2, atol=1e-9)
-    values = np.random.default_rng(1).normal(size=weights.shape[1])
-    np.testing.assert_allclose((weights @ values)[::4], values[1 : 1 + 11], atol=1e-12)
+def test_flying_pixels_belong_to_nothing(rng):
+    image = corrupt_depth(step_image(), DEFAULT_INTRINSICS, SensorNoise(flying=exactly(1.0)), rng)
+    between = (image.depth > 0.5) & (image.depth < 0.7)
+    assert between.any()
+    assert (image.ids[between] == NOTHING).all()
+    assert (image.ids[~between] == step_image().ids[~between]).all()
 
 
-def test_quantisation_step_grows_with_the_distance_squared():
-    depth = np.linspace(0.4, 1.6, 20000)[None]
-    levels = np.unique(quantise_disparity(depth, 540.0, 0.25))
-    steps, middle = np.diff(levels), 0.5 * (levels[1:] + levels[:-1])
-    np.testing.assert_allclose(steps / middle**2, (steps / middle**2)[0], rtol=0.05)
-    assert np.abs(quantise_disparity(depth, 540.0, 0.25) - depth).max() <= 0.51 * steps.max()
+def test_the_dex_preset_is_the_published_one():
+    wall = DepthImage(np.full((60, 60), 0.6, np.float32), np.zeros((60, 60), int))
+    images = [
+        corrupt_depth(wall, DEFAULT_INTRINSICS, NOISES["dex"], np.random.default_rng(s)).depth for s in range(400)
+    ]
+    flat = [np.ptp(image) < 1e-6 for image in images]
+    assert np.mean(flat) == pytest.approx(0.5, abs=0.08)
+    assert np.std([image.mean() / 0.6 for image in images]) == pytest.approx(1000**-0.5, rel=0.12)
+    rough = np.mean([image.std() for image, smooth in zip(images, flat, strict=True) if not smooth])
+    assert rough == pytest.approx(0.005 * 2 / 3, rel=0.1)
 
 
-def test_flying_pixels_lie_between_the_two_surfaces_and_only_at_edges(rng):
-    for _ in range(8):
-        depth, flying = add_flying_pixels(step_image(), rng)
-        assert ((depth[flying] >= 0.5) & (depth[flying] <= 0.7)).all()
-        assert set(np.flatnonzero(flying.any(axis=0))) <= {29, 30, 49, 50}
-        np.testing.assert_array_equal(depth[~flying], step_image()[~flying])
-
-
-def test_holes_are_cut_and_nothing_else_changes(rng):
-    depth = cut_holes(step_image(), rng)
-    assert (depth == 0).sum() > (step_image() == 0).sum()
-    assert np.isin(depth, (0.0, 0.5, 0.7)).all()
-
-
-def test_blocks_are_erased_whole_and_at_the_given_share(rng):
-    points = rng.uniform(0, 0.3, (20000, 3))
-    shares = [erased_blocks(points, 0.2, rng).mean() for _ in range(10)]
-    assert np.mean(shares) == pytest.approx(0.2, abs=0.02)
-    pair = np.repeat(rng.uniform(0, 0.3, (500, 3)), 2, axis=0)
-    pair[1::2] += 1e-9
-    erased = erased_blocks(pair, 0.5, rng)
-    assert (erased[::2] == erased[1::2]).mean() > 0.99
+def test_the_realsense_preset_errs_by_millimetres_and_more_when_farther():
+    errors = []
+    for distance in (0.4, 0.8):
+        wall = DepthImage(np.full((120, 160), distance, np.float32), np.zeros((120, 160), int))
+        sensed = [
+            corrupt_depth(wall, DEFAULT_INTRINSICS, NOISES["realsense"], np.random.default_rng(s)).depth
+            for s in range(20)
+        ]
+        errors.append(np.mean([image[image > 0].std() for image in sensed]))
+    assert 0.0005 < errors[0] < 0.0015
+    assert 2.5 < errors[1] / errors[0] < 4.5
 
 
 def test_point_noise_keeps_track_of_which_point_is_which(rng):
     points = rng.uniform(0, 0.3, (5000, 3))
-    kept, index = corrupt_points(points, SensorNoise(gaussian=0.002, drop=0.5), rng)
-    assert 0 < len(kept) < 5000
+    kept, index = corrupt_points(points, SensorNoise(gaussian=up_to(0.002), drop=exactly(0.3)), rng)
+    assert len(kept) / 5000 == pytest.approx(0.7, abs=0.03)
     assert np.abs(kept - points[index]).max() < 0.012
 
 
 def test_empty_cloud_survives(rng):
-    kept, index = corrupt_points(np.zeros((0, 3)), SensorNoise(block_probability=1.0, drop=0.3), rng)
+    everything = SensorNoise(
+        blocks=exactly(0.2), drop=exactly(0.3), deformation=exactly(0.001), gaussian=exactly(0.002)
+    )
+    kept, index = corrupt_points(np.zeros((0, 3)), everything, rng)
     assert kept.shape == (0, 3)
     assert len(index) == 0

@@ -12,15 +12,13 @@ from icgnet.objects.object_set import Kind, ObjectSet, Split
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
 from icgnet.simulation.scenes import spawn_scene
-from icgnet.training.noise import SensorNoise, corrupt_depth
+from icgnet.training.noise import SensorNoise, corrupt_depth, exactly, up_to
 
 CAPTURE_NOISE = SensorNoise(
-    field_probability=1.0,
-    field=0.002,
-    quantisation_probability=1.0,
-    disparity_step=0.1,
-    flying_probability=1.0,
-    holes_probability=1.0,
+    spots=exactly(4.0),
+    disparity_step=up_to(0.1),
+    flying=up_to(0.6),
+    field=up_to(0.002),
 )
 """What a good stereo camera at arm's length does to a depth image."""
 DEPTH_STEP = 1e-4
@@ -84,6 +82,6 @@ def simulate_capture(
     polar, azimuth = np.deg2rad(rng.uniform(*polar_deg)), rng.uniform(0.0, 2.0 * np.pi)
     camera_pose = sphere_pose(target, rng.uniform(0.55, 0.65), polar, azimuth)
     image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, camera_pose)
-    depth, _ = corrupt_depth(image.depth.astype(np.float64), DEFAULT_INTRINSICS[0, 0], noise, rng)
+    depth = corrupt_depth(image, DEFAULT_INTRINSICS, noise, rng).depth
     classes = tuple(object_set.class_name(placed.name) for placed in scene.objects)
     return SimulatedCapture(depth, DEFAULT_INTRINSICS, camera_pose, image.ids, classes, scene)

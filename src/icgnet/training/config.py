@@ -9,7 +9,7 @@ from icgnet.errors import DataError, InputError
 from icgnet.network.config import NETWORKS
 from icgnet.training.losses import PUBLISHED, LossWeights
 from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
-from icgnet.training.noise import NOISES, SensorNoise
+from icgnet.training.noise import NOISES, SensorNoise, exactly, up_to
 from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
 
 
@@ -20,7 +20,8 @@ class Sampling:
     Attributes:
         views: where cameras may stand.
         noise: what the sensor does.
-        half_resolution: share of visits with 320 x 240 instead of 640 x 480 pixels.
+        tsdf: share of visits whose cloud comes from a truncated signed distance grid instead of the pixels themselves.
+        half_resolution: share of the other visits with 320 x 240 instead of 640 x 480 pixels.
         table_jitter: largest error of the height at which the table is cut off [m].
         turn: whether everything is turned about the vertical through the workspace's centre.
         translation: largest shift along x and y [m].
@@ -39,6 +40,7 @@ class Sampling:
 
     views: tuple[ViewRange, ...] = VIEW_RANGES
     noise: SensorNoise = NOISES["mixed"]
+    tsdf: float = 0.4
     half_resolution: float = 0.5
     table_jitter: float = 0.0015
     turn: bool = True
@@ -58,13 +60,19 @@ class Sampling:
     def __post_init__(self) -> None:
         if self.near_share + self.far_share > 1:
             raise InputError(f"near_share {self.near_share} + far_share {self.far_share} must not exceed 1")
+        if not 0 <= self.tsdf <= 1:
+            raise InputError(f"tsdf is a share of the visits, from 0 to 1, got {self.tsdf}")
 
     def for_validation(self) -> "Sampling":
-        """The same without augmentation, with the published views and noise, and with all contacts."""
+        """The same without augmentation, with the published views and noise, and with all contacts.
+
+        The clouds are raw pixels with Gaussian noise, whatever is trained with, so that runs compare over time.
+        """
         return replace(
             self,
             views=EVALUATION_VIEWS,
             noise=NOISES["gaussian"],
+            tsdf=0.0,
             half_resolution=0.0,
             table_jitter=0.0,
             turn=False,
@@ -148,7 +156,7 @@ class TrainingConfig:
 TRAININGS = {
     "tiny": TrainingConfig(
         network="tiny",
-        sampling=Sampling(occupancy_points=128, contacts=16, half_resolution=1.0),
+        sampling=Sampling(occupancy_points=128, contacts=16, tsdf=0.0, half_resolution=1.0),
         steps=20,
         minutes=None,
         batch=2,
@@ -164,7 +172,8 @@ TRAININGS = {
         network="paper",
         sampling=Sampling(
             views=(ViewRange(1.0, (0.48, 0.72), (0.0, 45.0), (0.0, 0.0)),),
-            noise=SensorNoise(gaussian=0.002, block_probability=1.0, drop=0.3),
+            noise=SensorNoise(drop=up_to(0.3), blocks=exactly(0.2), deformation=exactly(0.001), gaussian=up_to(0.002)),
+            tsdf=0.0,
             half_resolution=0.0,
             translation=0.0,
             occupancy_points=32768,

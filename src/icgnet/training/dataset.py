@@ -16,32 +16,20 @@ from torch.utils.data import Dataset, Sampler
 
 from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError
-from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import transform_points, transform_vectors, yaw_about
 from icgnet.geometry.visibility import visibility_grid
-from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT, above_table, contains
+from icgnet.geometry.workspace import CENTRE, contains
 from icgnet.network.config import NetworkConfig
 from icgnet.network.inputs import make_scene_input
 from icgnet.objects.object_set import ObjectSet
-from icgnet.simulation.camera import SceneRenderer
 from icgnet.training.config import Sampling
-from icgnet.training.noise import corrupt_depth, corrupt_points
+from icgnet.training.observation import observe, take_picture
 from icgnet.training.placements import Placement, load_assets, occupancy_points
-from icgnet.training.sample import NOTHING, Sample, choose_contacts, majority, renumber
-from icgnet.training.views import crop_view, draw_view
+from icgnet.training.sample import Sample, choose_contacts, majority, renumber
 
 FEWEST_POINTS = 50
 """A view with fewer points on the objects is drawn again."""
 SEEN_DISTANCE = 0.004
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What the camera saw of a scene above the table, world frame [m]."""
-
-    points: Float[np.ndarray, "n 3"]
-    owners: Int[np.ndarray, "n"]
-    viewpoint: Float[np.ndarray, "3"]
 
 
 class RecipeDataset(Dataset):
@@ -89,14 +77,13 @@ class RecipeDataset(Dataset):
         placements = self._placements(recipe)
         if not placements:
             return None
-        seen = observe(placements, self.sampling, rng)
+        picture = take_picture(placements, self.sampling, rng)
         T_work_world = self._augmentation(rng)
-        points = transform_points(T_work_world, seen.points)
-        inside = contains(points)
+        seen = observe(picture.seen_from(T_work_world), self.sampling, rng)
+        inside = contains(seen.points)
         if inside.sum() < FEWEST_POINTS:
             return None
-        points, owners = points[inside], seen.owners[inside]
-        viewpoint = transform_points(T_work_world, seen.viewpoint)
+        points, owners, viewpoint = seen.points[inside], seen.owners[inside], seen.viewpoint
         known = rng.random() >= self.sampling.viewpoint_drop
         visibility = visibility_grid(points, viewpoint) if known and self.network.visibility else None
         scene_input, point_to_voxel = make_scene_input(points, self.network, visibility)
@@ -149,38 +136,6 @@ class VisitBatches(Sampler[list[int]]):
         while True:
             yield list(range(first, first + self.batch))
             first += self.batch * self.devices
-
-
-def observe(placements: list[Placement], sampling: Sampling, rng: np.random.Generator) -> Observation:
-    """The cloud that a new camera with a noisy sensor sees, without the table."""
-    triangles = [each.to_world(each.assets.triangles) for each in placements]
-    lower = np.min([part.min(axis=(0, 1)) for part in triangles], axis=0)
-    upper = np.max([part.max(axis=(0, 1)) for part in triangles], axis=0)
-    # Table beyond this margin would be removed anyway, but some of it must be seen, since some of it stays.
-    margin = np.array([1.0, 1.0, 0.0]) * rng.uniform(0.01, 0.05)
-    resolution = 0.5 if rng.random() < sampling.half_resolution else 1.0
-    view = crop_view(draw_view(sampling.views, resolution, rng), lower - margin, upper + margin)
-    owners = np.repeat(np.arange(len(triangles)), [len(part) for part in triangles])
-    image = SceneRenderer(np.concatenate(triangles), owners).render(view.intrinsics, view.shape, view.T_world_camera)
-    depth, flying = corrupt_depth(np.asarray(image.depth, np.float64), view.intrinsics[0, 0], sampling.noise, rng)
-    points, pixel_owners = _to_world(depth, np.where(flying, NOTHING, image.ids), view.intrinsics, view.T_world_camera)
-    standing = above_table(points, TABLE_HEIGHT + rng.uniform(-1, 1) * sampling.table_jitter)
-    points, index = corrupt_points(points[standing], sampling.noise, rng)
-    return Observation(points, pixel_owners[standing][index], view.T_world_camera[:3, 3])
-
-
-def _to_world(
-    depth: Float[np.ndarray, "h w"],
-    ids: Int[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    T_world_camera: Float[np.ndarray, "4 4"],
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
-    """Points of the measured pixels in the world [m], and the object of each."""
-    measured = depth > 0
-    if not measured.any():
-        return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-    points = unproject(depth, intrinsics)[measured]
-    return transform_points(T_world_camera, points), np.asarray(ids, np.int64)[measured]
 
 
 @dataclass(frozen=True)

@@ -87,8 +87,9 @@ def crop_view(view: View, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray
         return view
     pixels = (in_camera @ view.intrinsics.T)[:, :2] / in_camera[:, 2:]
     limit = np.array([view.shape[1], view.shape[0]])
-    first = np.clip(np.floor(pixels.min(axis=0)), 0, limit - 1).astype(int)
-    last = np.clip(np.ceil(pixels.max(axis=0)) + 1, first + 1, limit).astype(int)
+    # At least two pixels either way, so that a picture has slopes.
+    first = np.clip(np.floor(pixels.min(axis=0)), 0, limit - 2).astype(int)
+    last = np.clip(np.ceil(pixels.max(axis=0)) + 1, first + 2, limit).astype(int)
     intrinsics = view.intrinsics.copy()
     intrinsics[:2, 2] -= first
     return View(view.T_world_camera, intrinsics, (int(last[1] - first[1]), int(last[0] - first[0])))

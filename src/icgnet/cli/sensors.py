@@ -1,0 +1,55 @@
+"""`icgnet sensors`: one scene as seen by many sensors, on a contact sheet."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich.console import Console
+
+from icgnet.errors import InputError
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Draw what each sensor model does to the cloud of a simulated scene: every error alone, then the presets."""
+
+    out: tyro.conf.Positional[Path]
+    """File to write, ending in .png."""
+    objects: str = "procedural"
+    """'procedural', or a folder of URDFs (VGN layout) or meshes."""
+    split: Literal["train", "val", "test"] = "test"
+    """Which objects."""
+    scene: Literal["packed", "pile"] = "packed"
+    """Objects standing side by side, or dropped into a pile."""
+    count: int = 5
+    """Objects to try to place."""
+    polar: float = 45.0
+    """Angle of the camera from the vertical [degrees]."""
+    seed: int = 0
+    """Of every random draw."""
+
+    def run(self) -> None:
+        """Draws the sheet.
+
+        Raises:
+            IcgnetError: unknown objects, a file name of another kind, or an empty table.
+        """
+        if self.out.suffix != ".png":
+            raise InputError(f"the file to write must end in .png, got {self.out.name!r}")
+        if self.count < 1:
+            raise InputError(f"count must be at least 1, got {self.count}")
+        import numpy as np
+
+        from icgnet.objects.object_set import load_object_set
+        from icgnet.simulation.scenes import spawn_scene
+        from icgnet.training.gallery import sense_gallery, take_gallery_picture
+        from icgnet.viewer.sensor_sheet import SeenCloud, draw_sensor_sheet
+
+        object_set = load_object_set(self.objects)
+        scene = spawn_scene(self.scene, object_set, self.split, np.random.default_rng(self.seed), self.count)
+        picture = take_gallery_picture(scene, object_set, np.deg2rad(self.polar))
+        gallery = sense_gallery(picture, self.seed)
+        clouds = [SeenCloud(caption, seen.points, seen.owners, seen.viewpoint) for caption, seen in gallery.items()]
+        draw_sensor_sheet(clouds, self.out)
+        Console().print(f"{self.out}: {len(scene.objects)} objects as seen by many sensors", soft_wrap=True)
