@@ -9,17 +9,27 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float16, Int
 from scipy import ndimage
 from scipy.spatial import KDTree
 
 PITCH = 0.0015
-"""Distance between neighbouring nodes [m]."""
+"""Distance between neighbouring nodes [m], of all but thin-walled things."""
+FINEST_PITCH = 0.0005
+"""The same of things with the thinnest walls [m]: at 1.5 mm, a wall of 1 mm falls between the nodes."""
+NODES_ACROSS_WALL = 1.5
+MOST_FINE_NODES = 6_000_000
+"""A grid is not made finer than this many nodes allow."""
 PADDING = 0.006
 """Room between the mesh's bounding box and the border of the grid [m]."""
 
-_FORMAT = 1
+_FORMAT = 2
 _NEIGHBOURS = np.ones((3, 3, 3), bool)
+_WALL_SAMPLES = 256
+_THIN_SHARE = 10
+"""Percentile of the thickness that counts as that of the walls: every thing is thin along some edge."""
 _JITTER = np.array([0.00213, 0.00137])
 """Shift of the columns [pitch], so that none runs exactly along an edge of a mesh with round coordinates."""
 
@@ -96,23 +106,51 @@ def cached_signed_distance_grid(mesh: trimesh.Trimesh, cache: Path | None) -> Si
 
     The file's name is a hash of the mesh and of the grid's settings, so a changed mesh gets a new grid.
     """
+    pitch = choose_pitch(mesh)
     if cache is None:
-        return build_signed_distance_grid(mesh)
-    path = cache / f"{surface_hash(mesh, f'{_FORMAT} {PITCH} {PADDING}')}.npz"
+        return build_signed_distance_grid(mesh, pitch)
+    path = cache / f"{surface_hash(mesh, f'{_FORMAT} {pitch} {PADDING}')}.npz"
     if path.is_file():
         try:
             return SignedDistanceGrid.load(path)
         except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile):
             pass  # a damaged cache file is replaced below
-    grid = build_signed_distance_grid(mesh)
+    grid = build_signed_distance_grid(mesh, pitch)
     grid.save(path)
     return grid
+
+
+def choose_pitch(mesh: trimesh.Trimesh) -> float:
+    """Returns a pitch [m] at which the walls of a mesh have nodes inside: 1.5 mm for solid things, down to 0.5 mm."""
+    box = float(np.prod(mesh.extents + 2.0 * PADDING))
+    finest = max(FINEST_PITCH, (box / MOST_FINE_NODES) ** (1 / 3))
+    return round(float(np.clip(wall_thickness(mesh) / NODES_ACROSS_WALL, min(finest, PITCH), PITCH)), 5)
+
+
+def wall_thickness(mesh: trimesh.Trimesh) -> float:
+    """Returns how thick a mesh is at its thinner places [m]: rays go inwards from points all over the surface.
+
+    A tenth of the surface has less behind it. Infinite for a surface that encloses nothing.
+    """
+    rng = np.random.default_rng(0)
+    faces = rng.choice(len(mesh.faces), _WALL_SAMPLES, p=mesh.area_faces / mesh.area_faces.sum())
+    triangles = mesh.triangles[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = np.einsum("sc,scd->sd", rng.dirichlet((1.0, 1.0, 1.0), _WALL_SAMPLES), triangles) - 1e-5 * normals
+    scene = EmbreeScene()
+    surface = TriangleMesh(scene, np.asarray(mesh.triangles, np.float32))
+    hits = scene.run(points.astype(np.float32), -normals.astype(np.float32), output=True)
+    del surface  # which the scene does not keep alive
+    return float(np.percentile(np.where(hits["primID"] >= 0, hits["tfar"], np.inf), _THIN_SHARE, method="lower"))
 
 
 def build_signed_distance_grid(
     mesh: trimesh.Trimesh, pitch: float = PITCH, padding: float = PADDING
 ) -> SignedDistanceGrid:
     """Returns the signed-distance grid of a mesh [m].
+
+    Walls thinner than the pitch are lost in part: see `choose_pitch`.
 
     A node is inside when it is inside any of the mesh's connected components (so overlapping closed pieces are
     a union and a hollow that is open to the outside stays hollow). The direction of the faces does not matter.
@@ -218,7 +256,8 @@ def _unsigned_distance(
 def _surface_samples(mesh: trimesh.Trimesh, spacing: float) -> tuple[Float[np.ndarray, "s 3"], Int[np.ndarray, "s"]]:
     """Returns points all over the surface, no further apart than `spacing` [m], and their faces.
 
-    Each face is filled with rows of points along its longest edge, so that slivers get one row.
+    Each face is filled with rows of points along its longest edge, the first one on that edge: its ends are the
+    corners of a sliver, which no other row comes near.
     """
     corners = mesh.triangles
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -231,7 +270,7 @@ def _surface_samples(mesh: trimesh.Trimesh, spacing: float) -> tuple[Float[np.nd
     face = np.repeat(np.arange(len(corners)), count)
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     row, column = np.divmod(within, along[face])
-    v = ((row + 0.5) / rows[face])[:, None]
+    v = (row / rows[face])[:, None]
     u = ((column + 0.5) / along[face])[:, None]
     return (1.0 - v) * ((1.0 - u) * a[face] + u * b[face]) + v * c[face], face
 

@@ -97,11 +97,7 @@ def disc_triangles(
     radius: float,
 ) -> Triangles:
     """The points of a cloud as discs of this radius [m], each lying in the surface that its normal describes."""
-    across = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    along = np.cross(normals, across)
-    angles = np.linspace(0.0, 2.0 * np.pi, DISC_CORNERS, endpoint=False)
-    rim = np.cos(angles)[:, None] * across[:, None] + np.sin(angles)[:, None] * along[:, None]
+    rim = _around(normals, DISC_CORNERS)
     rim = points[:, None] + radius * rim
     fan = np.stack([np.zeros(DISC_CORNERS - 2, int), np.arange(1, DISC_CORNERS - 1), np.arange(2, DISC_CORNERS)], 1)
     corners = rim[:, fan].reshape(-1, 3, 3)
@@ -112,6 +108,35 @@ def disc_triangles(
         np.repeat(colours, per_disc, axis=0),
         np.ones(len(corners)),
     )
+
+
+def needle_triangles(
+    points: Float[np.ndarray, "n 3"],
+    directions: Float[np.ndarray, "n 3"],
+    colours: Float[np.ndarray, "n 3"],
+    length: float,
+    radius: float,
+) -> Triangles:
+    """Three-sided spikes that stand on points and show directions (unit vectors); length and radius in [m]."""
+    rim = radius * _around(directions, 3) + points[:, None]
+    tips = np.repeat((points + length * directions)[:, None], 3, axis=1)
+    corners = np.stack([rim, np.roll(rim, -1, axis=1), tips], axis=2)
+    flat = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    flat /= np.maximum(np.linalg.norm(flat, axis=2, keepdims=True), 1e-12)
+    normals = np.repeat(flat[:, :, None], 3, axis=2)
+    count = 3 * len(points)
+    return Triangles(
+        corners.reshape(-1, 3, 3), normals.reshape(-1, 3, 3), np.repeat(colours, 3, axis=0), np.ones(count)
+    )
+
+
+def _around(axes: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "n k 3"]:
+    """Unit vectors at right angles to each axis, `count` of them, evenly spread."""
+    across = np.cross(axes, np.where(np.abs(axes[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(axes, across)
+    angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return np.cos(angles)[:, None] * across[:, None] + np.sin(angles)[:, None] * along[:, None]
 
 
 def moved(triangles: Triangles, T_a_b: Float[np.ndarray, "4 4"]) -> Triangles:
