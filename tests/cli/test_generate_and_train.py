@@ -24,6 +24,14 @@ def test_generate_writes_scenes_and_a_report(scenes):
 
 
 @pytest.mark.slow
+def test_generate_again_finds_everything_done(scenes, capsys):
+    assert main(["generate", str(scenes), "--scene", "packed", "--scenes", "2", "--contacts", "4"]) == 0
+    out = capsys.readouterr().out
+    assert "0 new scenes, 2 were there already" in out
+    assert "2/2" in out
+
+
+@pytest.mark.slow
 def test_train_writes_weights_that_predict_can_load(scenes, tmp_path):
     from icgnet.predictor import Predictor
 
@@ -55,6 +63,8 @@ def test_truncated_parquet_is_one_line_that_names_the_file(scenes, tmp_path, cap
         (["generate", "out", "--objects", "nowhere"], "nowhere"),
         (["generate", "out", "--scenes", "0"], "scenes must be at least 1, got 0"),
         (["generate", "out", "--contacts", "0"], "contacts must be at least 1, got 0"),
+        (["generate", "out", "--shard-scenes", "0"], "shard_scenes must be at least 1, got 0"),
+        (["generate", "out", "--ray", "nowhere"], "host:port"),
         (["objects", "check", "nowhere"], "nowhere"),
         (["view", "nowhere"], "nowhere"),
     ],

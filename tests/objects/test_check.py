@@ -33,13 +33,13 @@ def test_name_in_two_splits_is_broken(urdf_folder: Path, write_object):
     assert "2 objects have this name" in reports(urdf_folder)["pile/cup"].problems
 
 
-def test_suspicious_units_and_open_meshes_are_warnings(tmp_path: Path):
+def test_impossible_units_are_broken_and_open_meshes_a_warning(tmp_path: Path):
     trimesh.creation.box([50, 50, 80]).export(tmp_path / "huge.stl")
     trimesh.creation.box([0.0003, 0.0003, 0.0004]).export(tmp_path / "tiny.stl")
     box = trimesh.creation.box([0.05, 0.05, 0.05])
     trimesh.Trimesh(box.vertices, box.faces[2:], process=False).export(tmp_path / "open.stl")
     found = reports(tmp_path, "m")
-    assert found["huge"].status == "warning"
+    assert [found[name].status for name in ("huge", "tiny", "open")] == ["broken", "broken", "warning"]
     assert "80 m: are the units right?" in found["huge"].problems[0]
     assert "are the units right?" in found["tiny"].problems[0]
     assert "open" in found["open"].problems[0]

@@ -85,10 +85,11 @@ def test_without_a_list_an_object_keeps_its_split_when_others_come(tmp_path: Pat
     assert set(before.values()) == set(SPLITS)
 
 
-def test_two_files_of_one_name_are_refused(tmp_path: Path):
-    write_meshes(tmp_path, "a.stl", "a.obj")
-    with pytest.raises(DataError, match="two objects are named 'a'"):
-        load_object_set(tmp_path, units="mm")
+def test_two_files_of_one_name_are_left_out(tmp_path: Path):
+    write_meshes(tmp_path, "a.stl", "a.obj", "b.obj")
+    objects = load_object_set(tmp_path, units="mm")
+    assert objects.keys() == ("b",)
+    assert objects.left_out == {"a": "2 objects have this name"}
 
 
 def test_empty_folder_is_refused(tmp_path: Path):

@@ -38,10 +38,13 @@ def test_names_of_the_vgn_set_get_the_shipped_classes_and_val_split(tmp_path: Pa
     assert objects.class_name("pile/9d8c711750a73b06ad1d789f3b2120d0") == "mug"
 
 
-def test_name_in_train_and_test_is_refused(urdf_folder: Path, write_object):
+def test_name_in_train_and_test_is_left_out_of_both(urdf_folder: Path, write_object):
     write_object(urdf_folder / "pile" / "test", "cup")
-    with pytest.raises(DataError, match="pile/cup is in train and in test"):
-        load_object_set(urdf_folder)
+    objects = load_object_set(urdf_folder)
+    assert {"pile/cup", "packed/cup"} & set(objects.keys()) == {"packed/cup"}
+    assert objects.left_out == {"pile/cup": "2 objects have this name"}
+    with pytest.raises(InputError, match="left out: 2 objects have this name"):
+        objects.model("pile/cup")
 
 
 def test_wrong_class_list_is_refused(urdf_folder: Path):

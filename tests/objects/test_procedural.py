@@ -9,7 +9,7 @@ from icgnet.errors import InputError
 from icgnet.objects.classes import CLASSES
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import KINDS, SPLITS, check_kind_and_split, load_object_set
-from icgnet.objects.procedural import COUNTS, FAMILIES, ProceduralObjectSet
+from icgnet.objects.procedural import COUNTS, FAMILIES, SHAPES_VERSION, ProceduralObjectSet
 
 SET = ProceduralObjectSet()
 
@@ -150,3 +150,28 @@ def test_listing_names_makes_no_shape():
     fresh.class_name(fresh.names("packed", "val")[0])
     assert time.perf_counter() - start < 0.5
     assert not fresh._models
+
+
+SIZES_OF_VERSION_1 = {
+    "mug": (0.8616813, 0.0020850354, 0.0022064791),
+    "box": (1.2808691, 0.012480781, 0.012480791),
+    "can": (0.853334, 0.0085420717, 0.0085450575),
+    "bottle": (1.2585308, 0.0117427, 0.011747561),
+    "cylindric": (1.4782341, 0.010359501, 0.010431525),
+    "ball": (0.28575034, 0.0026944285, 0.0026954585),
+    "other": (2.1819931, 0.014327203, 0.01437249),
+}
+"""Of all shapes of a class in pile sizes: area [m^2], volume, and volume of the convex pieces [m^3]."""
+
+
+def test_the_shapes_are_those_of_their_version(pile_models):
+    """If this fails on purpose, raise `SHAPES_VERSION`: old recipes mean the shapes that they were made with."""
+    assert SHAPES_VERSION == 1
+    for class_name, sizes in SIZES_OF_VERSION_1.items():
+        models = [model for model in pile_models if model.class_name == class_name]
+        measured = (
+            sum(model.visual.area for model in models),
+            sum(model.visual.volume for model in models),
+            sum(part.volume for model in models for part in model.parts),
+        )
+        assert measured == pytest.approx(sizes, rel=1e-6), class_name

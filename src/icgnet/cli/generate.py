@@ -6,7 +6,23 @@ from typing import Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+COLUMNS = (
+    TextColumn("scenes"),
+    BarColumn(),
+    MofNCompleteColumn(),
+    TimeElapsedColumn(),
+    TextColumn("of which left:"),
+    TimeRemainingColumn(),
+)
 
 
 @dataclass(frozen=True)
@@ -27,10 +43,14 @@ class Generate:
     """Which objects."""
     workers: int = 1
     """Processes; the result does not depend on it."""
+    ray: str | None = None
+    """Work on a Ray cluster instead: 'local' starts one here with so many workers, 'auto' or HOST:PORT joins one."""
     seed: int = 0
     """Of every random draw."""
     gripper: str = "franka"
     """Name of a gripper or a gripper file."""
+    shard_scenes: int = 50
+    """Scenes in a file."""
     report: Path | None = None
     """File for the run's numbers, as JSON."""
 
@@ -40,7 +60,8 @@ class Generate:
         Raises:
             IcgnetError: unknown objects, settings out of range, or a folder made with other settings.
         """
-        from icgnet.datagen.generate import GenerateConfig, generate
+        from icgnet.datagen.generate import generate
+        from icgnet.datagen.job import GenerateConfig
         from icgnet.datagen.label_scene import LabelSettings
 
         config = GenerateConfig(
@@ -48,17 +69,29 @@ class Generate:
             scene=self.scene,
             scenes=self.scenes,
             split=self.split,
-            workers=self.workers,
             seed=self.seed,
             gripper=self.gripper,
             labels=LabelSettings(contacts=self.contacts),
+            shard_scenes=self.shard_scenes,
+            workers=self.workers,
+            ray=self.ray,
         )
         console = Console()
-        columns = (TextColumn("scenes"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console) as progress:
-            task = progress.add_task("scenes", total=self.scenes)
-            numbers = generate(self.out, config, self.report, on_scene=lambda _: progress.advance(task))
-            progress.update(task, completed=self.scenes)
+        with Progress(*COLUMNS, console=console) as progress:
+
+            def show(done: int) -> None:
+                if progress.tasks:
+                    progress.update(progress.task_ids[0], completed=done)
+                else:
+                    progress.add_task("scenes", total=self.scenes, completed=done)
+
+            numbers = generate(
+                self.out,
+                config,
+                self.report,
+                on_progress=show,
+                on_notice=lambda notice: console.print(f"warning: {notice}", soft_wrap=True, markup=False),
+            )
         console.print(
             f"{numbers.scenes} new scenes, {numbers.scenes_found} were there already; {numbers.labels} labels, "
             f"{numbers.positives} of them successes, {numbers.labels_per_second_per_core:.0f} labels a second and core",

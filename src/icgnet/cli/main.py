@@ -9,11 +9,14 @@ from typing import Annotated
 
 import tyro
 
+from icgnet.cli.benchmark import Benchmark
+from icgnet.cli.dataset import Dataset
 from icgnet.cli.demo import Demo
 from icgnet.cli.evaluate import Evaluate
 from icgnet.cli.generate import Generate
 from icgnet.cli.objects import Objects
 from icgnet.cli.predict import Predict
+from icgnet.cli.sensors import Sensors
 from icgnet.cli.simulate import Simulate
 from icgnet.cli.train import Train
 from icgnet.cli.version import Version
@@ -28,9 +31,12 @@ Command = (
     | Annotated[Predict, tyro.conf.subcommand("predict")]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Generate, tyro.conf.subcommand("generate")]
+    | Annotated[Dataset, tyro.conf.subcommand("dataset")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Sensors, tyro.conf.subcommand("sensors")]
     | Annotated[Objects, tyro.conf.subcommand("objects")]
     | Annotated[Version, tyro.conf.subcommand("version")]
 )

@@ -1,90 +1,52 @@
-"""Generates labelled scenes on all cores of a machine: resumable, and the same rows on any number of workers."""
+"""Generates labelled scenes on any number of workers: resumable, and the same files whoever made the scenes."""
 
-import json
-import os
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Literal, get_args
 
-import numpy as np
-
-from icgnet.datagen.label_scene import LabelSettings, label_scene
-from icgnet.datagen.recipe import FORMAT_VERSION, MANIFEST, Recipe, read_manifest, read_shard, write_shard
-from icgnet.errors import DataError, InputError
-from icgnet.grasping.frame import APPROACH_ANGLES
-from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.objects.object_set import KINDS, SPLITS, Kind, ObjectSet, Split, load_object_set
-
-SHARD_SCENES = 50
-SceneChoice = Literal["packed", "pile", "both"]
+from icgnet.datagen.cluster import RayPool
+from icgnet.datagen.files import remove_partial_files, write_json
+from icgnet.datagen.job import GenerateConfig, Job
+from icgnet.datagen.lock import locked
+from icgnet.datagen.manifest import make_manifest, prepare_folder
+from icgnet.datagen.pool import LocalPool, Pool, SerialPool
+from icgnet.datagen.recipe import Recipe, count_scenes, read_shard, write_shard
+from icgnet.datagen.report import Report, Tally, make_report
+from icgnet.datagen.usable_objects import usable_objects
+from icgnet.grasping.gripper import load_gripper
+from icgnet.objects.object_set import Kind
 
 
 @dataclass(frozen=True)
-class GenerateConfig:
-    """What to generate.
+class Shard:
+    """A file of the folder.
 
     Attributes:
-        objects: "procedural", or a folder of URDFs or meshes.
-        scene: kind of scenes; "both" makes one packed scene for every two piles.
-        scenes: number of scenes; a larger number continues a folder that has fewer.
-        split: which objects: train, val or test.
-        workers: processes.
-        seed: of every random draw.
-        gripper: name or YAML file.
-        labels: contacts a scene, physics, jitter.
+        path: of the file.
+        ids: numbers of the scenes that belong in it.
+        found: the recipes of these that are there already, from an earlier run that asked for fewer scenes.
     """
 
-    objects: str = "procedural"
-    scene: SceneChoice = "both"
-    scenes: int = 100
-    split: Split = "train"
-    workers: int = 1
-    seed: int = 0
-    gripper: str = "franka"
-    labels: LabelSettings = field(default_factory=LabelSettings)
+    path: Path
+    ids: range
+    found: dict[int, Recipe] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        if self.scene not in get_args(SceneChoice):
-            raise InputError(f"scene must be one of {', '.join(get_args(SceneChoice))}, got {self.scene!r}")
-        if self.split not in SPLITS:
-            raise InputError(f"split must be one of {', '.join(SPLITS)}, got {self.split!r}")
-        for name, least in (("scenes", 1), ("workers", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} must be at least {least}, got {getattr(self, name)}")
-
-
-@dataclass(frozen=True)
-class Report:
-    """What a run did; scenes that an earlier run had finished count as `scenes_found` only.
-
-    `labels_per_second_per_core` has the wall time times the number of workers in its denominator, building and
-    settling of scenes included.
-    """
-
-    scenes: int
-    scenes_found: int
-    objects: int
-    labels: int
-    positives: int
-    collided: int
-    disturbed_positives: int
-    seconds: float
-    workers: int
-    labels_per_second_per_core: float
+    @property
+    def missing(self) -> list[int]:
+        """Numbers of the scenes that must be made."""
+        return [scene_id for scene_id in self.ids if scene_id not in self.found]
 
 
 def generate(
     directory: str | Path,
     config: GenerateConfig,
     report: str | Path | None = None,
-    on_scene: Callable[[Recipe], None] | None = None,
+    on_progress: Callable[[int], None] = lambda done: None,
+    on_notice: Callable[[str], None] = lambda notice: None,
 ) -> Report:
-    """Writes labelled scenes into a folder: a manifest and Parquet files of 50 scenes each.
+    """Writes labelled scenes into a folder: a manifest and Parquet files.
 
     Finished files stay when a run is killed, and the next run with the same configuration goes on from there.
 
@@ -92,176 +54,76 @@ def generate(
         directory: output folder, made if it is missing.
         config: what to generate.
         report: file for the run's numbers, as JSON.
-        on_scene: called with every new scene, for progress.
+        on_progress: called with the number of finished scenes, at the start and after each scene.
+        on_notice: called with one line on each object that is left out, and one on all that look odd.
 
     Raises:
-        InputError: unknown objects, or none for this kind of scene and split.
-        DataError: broken object files, a broken file in the folder, or a folder made with another configuration.
+        InputError: unknown objects, none that can be used for these scenes and split, or no Ray where it is asked for.
+        DataError: a folder that another run is writing into, one that was made with another configuration or has a
+            broken file, a disk that cannot be written to, or a scene that kills its workers.
     """
     directory = Path(directory)
-    object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
-    _prepare(directory, _manifest(config, object_set, gripper))
-    todo = {
-        shard: ids for shard, ids in _shards(config.scenes).items() if not _is_complete(directory / shard, len(ids))
-    }
-    tasks: list[tuple[int, Kind]] = [
-        (scene_id, kind_of(config.scene, scene_id)) for ids in todo.values() for scene_id in ids
-    ]
-
-    tally = _Tally()
-    start = time.perf_counter()
-    recipes = _label_scenes(tasks, config, object_set, gripper)
-    for shard, ids in todo.items():
-        finished = []
-        for _ in ids:
-            finished.append(next(recipes))
-            tally.add(finished[-1])
-            if on_scene is not None:
-                on_scene(finished[-1])
-        write_shard(directory / shard, finished)
-    result = tally.report(config.scenes - len(tasks), time.perf_counter() - start, config.workers)
+    usable = usable_objects(config)
+    for notice in usable.notices():
+        on_notice(notice)
+    job = Job(config, usable.object_set, load_gripper(config.gripper))
+    directory.mkdir(parents=True, exist_ok=True)
+    with locked(directory):
+        prepare_folder(directory, make_manifest(job, usable.doubtful))
+        remove_partial_files(directory)
+        result = _fill(directory, job, on_progress)
     if report is not None:
-        _write_json(Path(report), asdict(result))
+        write_json(Path(report), asdict(result))
     return result
 
 
-def kind_of(choice: SceneChoice, scene_id: int) -> Kind:
-    """The kind of a scene in a run."""
-    if choice == "both":
-        return "packed" if scene_id % 3 == 0 else "pile"
-    return choice
+def _fill(directory: Path, job: Job, on_progress: Callable[[int], None]) -> Report:
+    """Makes the scenes that a folder lacks."""
+    shards = list(_unfinished_shards(directory, job.config))
+    missing = [scene_id for shard in shards for scene_id in shard.missing]
+    found = job.config.scenes - len(missing)
+    on_progress(found)
+    tallies: dict[Kind, Tally] = {kind: Tally() for kind in job.config.kinds}
+    workers, start = job.config.workers, time.perf_counter()
+    if missing:
+        with closing(_make_pool(job)) as pool:
+            start = time.perf_counter()
+            for done, recipe in enumerate(_write_when_full(shards, pool.label(missing)), found + 1):
+                tallies[recipe.kind].add(recipe)
+                on_progress(done)
+            workers = pool.workers
+    return make_report(tallies, found, time.perf_counter() - start, workers, _bytes_per_scene(directory))
 
 
-def _shards(scenes: int) -> dict[str, range]:
-    """File names and the scene ids that belong in each."""
-    starts = range(0, scenes, SHARD_SCENES)
-    return {f"scenes-{start:07d}.parquet": range(start, min(start + SHARD_SCENES, scenes)) for start in starts}
+def _make_pool(job: Job) -> Pool:
+    if job.config.ray is not None:
+        return RayPool(job, job.config.ray, job.config.workers)
+    return SerialPool(job) if job.config.workers == 1 else LocalPool(job, job.config.workers)
 
 
-def _is_complete(path: Path, scenes: int) -> bool:
-    """Whether a shard is there with at least this many scenes; an earlier, smaller run leaves a shorter last one."""
-    return path.exists() and len(read_shard(path)) >= scenes
+def _unfinished_shards(directory: Path, config: GenerateConfig) -> Iterator[Shard]:
+    """The files to write, in the order of their scenes."""
+    for start in range(0, config.scenes, config.shard_scenes):
+        path = directory / f"scenes-{start:07d}.parquet"
+        ids = range(start, min(start + config.shard_scenes, config.scenes))
+        if not path.exists():
+            yield Shard(path, ids)
+        elif count_scenes(path) < len(ids):
+            yield Shard(path, ids, {recipe.scene_id: recipe for recipe in read_shard(path)})
 
 
-def _label_scenes(
-    tasks: list[tuple[int, Kind]], config: GenerateConfig, object_set: ObjectSet, gripper: Gripper
-) -> Iterator[Recipe]:
-    """The labelled scenes in the order of the tasks."""
-    if config.workers == 1 or len(tasks) < 2:
-        worker = _Worker(config, object_set, gripper)
-        yield from (worker(task) for task in tasks)
-        return
-    pool = ProcessPoolExecutor(
-        config.workers, get_context("spawn"), initializer=_start_worker, initargs=(config, object_set, gripper)
-    )
-    try:
-        yield from pool.map(_work, tasks)
-    finally:
-        pool.shutdown(cancel_futures=True)
+def _write_when_full(shards: Sequence[Shard], recipes: Iterable[Recipe]) -> Iterator[Recipe]:
+    """Hands the recipes on, whose order is any, and writes each file as soon as its last scene is there."""
+    shard_of = {scene_id: shard for shard in shards for scene_id in shard.missing}
+    for recipe in recipes:
+        shard = shard_of[recipe.scene_id]
+        shard.found[recipe.scene_id] = recipe
+        if len(shard.found) == len(shard.ids):
+            write_shard(shard.path, [shard.found.pop(scene_id) for scene_id in shard.ids])
+        yield recipe
 
 
-@dataclass(frozen=True)
-class _Worker:
-    config: GenerateConfig
-    object_set: ObjectSet
-    gripper: Gripper
-
-    def __call__(self, task: tuple[int, Kind]) -> Recipe:
-        scene_id, kind = task
-        config = self.config
-        return label_scene(scene_id, config.seed, kind, config.split, self.object_set, self.gripper, config.labels)
-
-
-# A process of the pool keeps its object set, so that meshes are read once and not for every scene.
-_worker: _Worker | None = None
-
-
-def _start_worker(config: GenerateConfig, object_set: ObjectSet, gripper: Gripper) -> None:
-    global _worker
-    _worker = _Worker(config, object_set, gripper)
-
-
-def _work(task: tuple[int, Kind]) -> Recipe:
-    assert _worker is not None
-    return _worker(task)
-
-
-def _manifest(config: GenerateConfig, object_set: ObjectSet, gripper: Gripper) -> dict[str, object]:
-    """Everything that decides what the rows are, and the version of the code that made them."""
-    kinds = KINDS if config.scene == "both" else (config.scene,)
-    labels = asdict(config.labels)
-    return {
-        "format_version": FORMAT_VERSION,
-        "code_version": _code_version(),
-        "object_set": object_set.name,
-        "object_counts": {kind: len(object_set.names(kind, config.split)) for kind in kinds},
-        "split": config.split,
-        "scene": config.scene,
-        "seed": config.seed,
-        "angles_deg": np.rad2deg(APPROACH_ANGLES).round(6).tolist(),
-        "gripper": asdict(gripper) | {"T_grasp_base": gripper.T_grasp_base.tolist()},
-        **labels,
-    }
-
-
-def _prepare(directory: Path, manifest: dict[str, object]) -> None:
-    """Makes the folder with its manifest, or checks that the one that is there asks for the same rows."""
-    manifest = json.loads(json.dumps(manifest))
-    path = directory / MANIFEST
-    if not path.exists():
-        directory.mkdir(parents=True, exist_ok=True)
-        if any(directory.glob("*.parquet")):
-            raise DataError(f"{directory}: has Parquet files but no {MANIFEST}; give another folder")
-        _write_json(path, manifest)
-        return
-    found = read_manifest(directory)
-    differences = [
-        f"{key} is {found.get(key)} there, {manifest.get(key)} now"
-        for key in sorted(manifest.keys() | found.keys())
-        if key != "code_version" and manifest.get(key) != found.get(key)
-    ]
-    if differences:
-        raise DataError(f"{directory}: made with another configuration: {'; '.join(differences)}")
-
-
-def _code_version() -> str:
-    try:
-        return version("icgnet")
-    except PackageNotFoundError:
-        return "unknown"
-
-
-def _write_json(path: Path, values: dict[str, object]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(values, indent=2) + "\n")
-    os.replace(partial, path)
-
-
-@dataclass
-class _Tally:
-    scenes: int = 0
-    objects: int = 0
-    labels: int = 0
-    positives: int = 0
-    collided: int = 0
-    disturbed_positives: int = 0
-
-    def add(self, recipe: Recipe) -> None:
-        contacts = recipe.contacts
-        self.scenes += 1
-        self.objects += len(recipe.objects)
-        self.labels += len(APPROACH_ANGLES) * len(contacts)
-        self.positives += _count_bits(contacts.success)
-        self.collided += _count_bits(contacts.collided)
-        self.disturbed_positives += _count_bits(contacts.success & contacts.disturbed)
-
-    def report(self, found: int, seconds: float, workers: int) -> Report:
-        rate = self.labels / (seconds * workers) if self.labels else 0.0
-        return Report(
-            **asdict(self), scenes_found=found, seconds=seconds, workers=workers, labels_per_second_per_core=rate
-        )
-
-
-def _count_bits(bits: np.ndarray) -> int:
-    return int(np.bitwise_count(bits).sum())
+def _bytes_per_scene(directory: Path) -> float:
+    """Size of the files, divided by the number of scenes in them."""
+    paths = list(directory.glob("scenes-*.parquet"))
+    return sum(path.stat().st_size for path in paths) / max(1, sum(map(count_scenes, paths)))

@@ -4,7 +4,6 @@ See docs/data_format.md for the columns.
 """
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
+from icgnet.datagen.files import new_file
 from icgnet.errors import DataError
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix
 from icgnet.grasping.frame import APPROACH_ANGLES
@@ -145,10 +145,14 @@ def unpack_bits(bits: UInt16[np.ndarray, "g"]) -> Bool[np.ndarray, "g a"]:
 
 
 def write_shard(path: Path, recipes: Sequence[Recipe]) -> None:
-    """Writes recipes to a Parquet file that appears complete or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    pq.write_table(pa.Table.from_pylist([_to_row(recipe) for recipe in recipes], SCHEMA), partial, compression="zstd")
-    os.replace(partial, path)
+    """Writes recipes to a Parquet file that appears complete or not at all.
+
+    Raises:
+        DataError: the system cannot write it, for example because the disk is full.
+    """
+    table = pa.Table.from_pylist([_to_row(recipe) for recipe in recipes], SCHEMA)
+    with new_file(path) as file:
+        pq.write_table(table, file, compression="zstd")
 
 
 def read_recipes(directory: str | Path) -> list[Recipe]:
@@ -193,12 +197,28 @@ def read_shard(path: Path) -> list[Recipe]:
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
-        raise DataError(f"{path}: not a readable Parquet file (truncated?): {str(error).splitlines()[0]}") from error
+        raise DataError(f"{path}: {_unreadable(error)}") from error
     if not table.schema.equals(SCHEMA):
         raise DataError(
             f"{path}: columns differ from recipe format {FORMAT_VERSION}: {_schema_difference(table.schema)}"
         )
     return _from_table(table)
+
+
+def count_scenes(path: Path) -> int:
+    """The number of recipes in a Parquet file, from its last bytes alone.
+
+    Raises:
+        DataError: the file is truncated or not Parquet.
+    """
+    try:
+        return pq.read_metadata(path).num_rows
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"{path}: {_unreadable(error)}") from error
+
+
+def _unreadable(error: Exception) -> str:
+    return f"not a readable Parquet file (truncated?): {str(error).splitlines()[0]}"
 
 
 def _schema_difference(schema: pa.Schema) -> str:

@@ -3,7 +3,8 @@
 import os
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -11,9 +12,11 @@ from typing import Literal
 
 from icgnet.errors import InputError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
+from icgnet.objects.fingerprint import hash_files
 from icgnet.objects.model import ObjectModel
 
 Kind = Literal["packed", "pile"]
+Units = Literal["m", "mm"]
 Split = Literal["train", "val", "test"]
 
 KINDS: tuple[Kind, ...] = ("packed", "pile")
@@ -28,10 +31,16 @@ def cache_directory() -> Path:
 
 
 class ObjectSet(ABC):
-    """Named objects by scene kind and split; models and distance grids are loaded when asked for, and kept."""
+    """Named objects by scene kind and split; models and distance grids are loaded when asked for, and kept.
 
-    def __init__(self, name: str) -> None:
+    Attributes:
+        name: of the set.
+        left_out: keys that the set has files for but that are not used, each with the reason.
+    """
+
+    def __init__(self, name: str, left_out: Mapping[str, str] | None = None) -> None:
         self.name = name
+        self.left_out: dict[str, str] = dict(left_out or {})
         self._models: dict[str, ObjectModel] = {}
         self._grids: OrderedDict[str, SignedDistanceGrid] = OrderedDict()
 
@@ -46,6 +55,16 @@ class ObjectSet(ABC):
     @abstractmethod
     def class_name(self, key: str) -> str:
         """Returns an object's class without loading it.
+
+        Raises:
+            InputError: there is no such object.
+        """
+
+    @abstractmethod
+    def fingerprint(self, key: str) -> str:
+        """Returns a short hash that is another one when the object's class or geometry may have changed.
+
+        It is made without loading the object.
 
         Raises:
             InputError: there is no such object.
@@ -96,11 +115,31 @@ class ObjectFile:
 
 
 class FileObjectSet(ObjectSet):
-    """An object set whose objects are listed beforehand, each with its file."""
+    """An object set whose objects are listed beforehand, each with its file.
 
-    def __init__(self, name: str, files: dict[str, ObjectFile]) -> None:
-        super().__init__(name)
+    Attributes:
+        units: of mesh files ("m" or "mm"); None for URDFs, which say their own scale.
+
+    Args:
+        name: of the set.
+        files: the objects.
+        left_out: objects that are not used, each with the reason.
+        units: see above.
+        settings: what else than their files decides the geometry of the objects.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        files: dict[str, ObjectFile],
+        left_out: Mapping[str, str] | None = None,
+        units: Units | None = None,
+        settings: str = "",
+    ) -> None:
+        super().__init__(name, left_out)
+        self.units: Units | None = units
         self._files = files
+        self._settings = settings
 
     def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
         """Returns the sorted keys of the objects for scenes of `kind` in `split`."""
@@ -117,9 +156,28 @@ class FileObjectSet(ObjectSet):
         Raises:
             InputError: there is no such object.
         """
+        if key in self.left_out:
+            raise InputError(f"object set {self.name!r}: {key!r} is left out: {self.left_out[key]}")
         if key not in self._files:
             raise unknown_object(self.name, key, self._files)
         return self._files[key]
+
+    def fingerprint(self, key: str) -> str:
+        """Returns a short hash of the object's class and files."""
+        file = self.file(key)
+        return hash_files(file.path, (file.class_name, self._settings))
+
+    def without(self, left_out: Mapping[str, str]) -> "FileObjectSet":
+        """Returns the set without some of its objects; `left_out` gives the reason for each."""
+        rest = copy(self)
+        rest._files = {key: file for key, file in self._files.items() if key not in left_out}
+        rest.left_out = dict(sorted({**self.left_out, **left_out}.items()))
+        return rest
+
+
+def doubles(copies: Mapping[str, int]) -> dict[str, str]:
+    """Returns the names that more than one object has, with the sentence that says so."""
+    return {name: f"{count} objects have this name" for name, count in sorted(copies.items()) if count > 1}
 
 
 def check_kind_and_split(kind: str, split: str) -> None:

@@ -1,19 +1,35 @@
 """What is wrong with the files of an object set, file by file."""
 
+import json
+import os
+import tempfile
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import trimesh
 
 from icgnet.errors import DataError, InputError
-from icgnet.objects.mesh_folder import LIST_FILE, Units, object_paths, read_folder_list, read_scaled_mesh
+from icgnet.objects.base import FileObjectSet, ObjectSet, Units, cache_directory, doubles
+from icgnet.objects.fingerprint import hash_texts
+from icgnet.objects.mesh_folder import LIST_FILE, object_paths, read_folder_list, read_scaled_mesh
 from icgnet.objects.urdf import read_urdf_object
-from icgnet.objects.urdf_set import is_vgn_layout, urdf_paths
+from icgnet.objects.urdf_set import is_vgn_layout, object_key, urdf_paths
 
 LARGEST, SMALLEST = 1.0, 0.001
 """A longest side beyond these [m] means other units than were said."""
+
+END_SHARE = 0.01
+"""Part of an edge at each end where nothing is looked for."""
+
+MERGED = 1e-9
+"""Shorter edges [m] count as this long."""
+
+CHECK_VERSION = 2
+"""To be raised when a check or a reader changes, so that remembered reports are made anew."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +60,46 @@ def check_objects(directory: str | Path, units: Units | None = None) -> list[Obj
     if not paths:
         raise DataError(f"{directory}: no URDFs or meshes found")
     listed_units = None if vgn else read_folder_list(directory).units
-    names = [f"{path.parent.parent.name}/{path.stem}" if vgn else path.stem for path in paths]
-    copies = Counter(names)
-    return [_report(name, path, listed_units or units, copies[name]) for name, path in zip(names, paths, strict=True)]
+    names = [object_key(path) if vgn else path.stem for path in paths]
+    double = doubles(Counter(names))
+    reports = [_report(name, path, listed_units or units) for name, path in zip(names, paths, strict=True)]
+    return [
+        ObjectReport(report.name, "broken", (double[report.name], *report.problems))
+        if report.name in double
+        else report
+        for report in reports
+    ]
 
 
-def _report(name: str, path: Path, units: Units | None, copies: int) -> ObjectReport:
-    broken = [f"{copies} objects have this name"] if copies > 1 else []
-    warnings: list[str] = []
+def check_object_set(object_set: ObjectSet, keys: Sequence[str]) -> list[ObjectReport]:
+    """Returns a report on each of these objects of a set.
+
+    Reports are remembered in the cache folder until a file changes, because reading several hundred meshes takes some
+    seconds. Procedural shapes come without a report: tests hold that they are in order.
+    """
+    if not isinstance(object_set, FileObjectSet):
+        return []
+    objects = [(key, object_set.file(key).path, object_set.fingerprint(key)) for key in keys]
+    # The paths too: they are part of what the reports say.
+    content = hash_texts(str(CHECK_VERSION), *(f"{key} {path.resolve()} {mark}" for key, path, mark in objects))
+    cache = cache_directory() / "object_checks" / f"{content}.json"
+    reports = _read_reports(cache)
+    if reports is None:
+        reports = [_report(key, path, object_set.units) for key, path, _ in objects]
+        _write_reports(cache, reports)
+    return reports
+
+
+def _report(name: str, path: Path, units: Units | None) -> ObjectReport:
     try:
         surface = _read_surface(path, units)
     except DataError as error:
-        broken.append(str(error))
-    else:
-        warnings = _doubts(surface)
-    status = "broken" if broken else "warning" if warnings else "ok"
-    return ObjectReport(name, status, (*broken, *warnings))
+        return ObjectReport(name, "broken", (str(error),))
+    longest = float(surface.extents.max())
+    if not SMALLEST <= longest <= LARGEST:
+        return ObjectReport(name, "broken", (f"{path}: the longest side is {longest:.4g} m: are the units right?",))
+    doubts = _doubts(surface)
+    return ObjectReport(name, "warning" if doubts else "ok", tuple(doubts))
 
 
 def _read_surface(path: Path, units: Units | None) -> trimesh.Trimesh:
@@ -72,9 +112,46 @@ def _read_surface(path: Path, units: Units | None) -> trimesh.Trimesh:
 
 def _doubts(surface: trimesh.Trimesh) -> list[str]:
     doubts = []
-    longest = float(surface.extents.max())
-    if not SMALLEST <= longest <= LARGEST:
-        doubts.append(f"the longest side is {longest:.4g} m: are the units right?")
     if not surface.is_watertight:
         doubts.append("the mesh is open: inside and outside are guessed by majority")
+    if _crosses_itself(surface):
+        doubts.append("the mesh intersects itself: its inside may have holes")
     return doubts
+
+
+def _crosses_itself(surface: trimesh.Trimesh) -> bool:
+    """Returns whether an edge pierces a triangle of its own component that it does not touch at a corner.
+
+    Components may overlap: together they are a union.
+    """
+    edges, first = np.unique(surface.edges_sorted, axis=0, return_index=True)
+    starts, ways = surface.vertices[edges[:, 0]], np.diff(surface.vertices[edges], axis=1)[:, 0]
+    lengths = np.maximum(np.linalg.norm(ways, axis=1), MERGED)
+    directions = ways / lengths[:, None]
+    # Both ends are left out: rays are traced in single precision, and neighbours are near there.
+    origins = starts + END_SHARE * ways
+    hits, rays, triangles = surface.ray.intersects_location(origins, directions)
+    if len(triangles) == 0:
+        return False
+    inside = np.linalg.norm(hits - starts[rays], axis=1) < (1.0 - END_SHARE) * lengths[rays]
+    touch = (surface.faces[triangles][:, :, None] == edges[rays][:, None, :]).any(axis=(1, 2))
+    component = trimesh.graph.connected_component_labels(surface.face_adjacency, len(surface.faces))
+    same = component[triangles] == component[surface.edges_face[first][rays]]
+    return bool((inside & ~touch & same).any())
+
+
+def _read_reports(path: Path) -> list[ObjectReport] | None:
+    """Returns remembered reports; None when there are none or the file is damaged."""
+    try:
+        rows = json.loads(path.read_text())
+        return [ObjectReport(row["name"], row["status"], tuple(row["problems"])) for row in rows]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _write_reports(path: Path, reports: Sequence[ObjectReport]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
+    with os.fdopen(handle, "w") as file:
+        json.dump([asdict(report) for report in reports], file)
+    os.replace(partial, path)

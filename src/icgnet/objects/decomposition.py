@@ -4,6 +4,7 @@ import os
 import tempfile
 import warnings
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,11 @@ def decompose(mesh: trimesh.Trimesh, cache: Path) -> tuple[trimesh.Trimesh, ...]
             return (convex_hull(mesh.vertices),)
         _write_pieces(path, pieces)
     return tuple(convex_hull(piece) for piece in pieces)
+
+
+def decomposition_method() -> str:
+    """Returns how meshes are decomposed here: the pieces depend on whether CoACD is installed."""
+    return f"coacd {CONCAVITY}" if find_spec("coacd") else "hull"
 
 
 def _run_coacd(mesh: trimesh.Trimesh) -> list[Float[np.ndarray, "_ 3"]] | None:

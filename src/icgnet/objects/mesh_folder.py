@@ -1,9 +1,9 @@
 """A folder of meshes (or of single URDFs) as an object set."""
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import trimesh
@@ -11,13 +11,11 @@ import yaml
 from jaxtyping import Float
 
 from icgnet.errors import DataError
-from icgnet.objects.base import KINDS, FileObjectSet, ObjectFile, Split, cache_directory
+from icgnet.objects.base import KINDS, FileObjectSet, ObjectFile, Split, Units, cache_directory, doubles
 from icgnet.objects.classes import check_classes
-from icgnet.objects.decomposition import decompose
+from icgnet.objects.decomposition import decompose, decomposition_method
 from icgnet.objects.model import ObjectModel, clean_surface
 from icgnet.objects.urdf import read_mesh, read_urdf_object
-
-Units = Literal["m", "mm"]
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 LIST_FILE = "objects.yaml"
@@ -44,14 +42,15 @@ class MeshFolderObjectSet(FileObjectSet):
     """Every OBJ, PLY, STL and GLB file of a folder, or every URDF if there are any; keys are the files' stems.
 
     All objects serve both scene kinds. Splits are those of `objects.yaml`; without them a name's hash puts about
-    one tenth of the objects each in "val" and "test", the same ones whatever else is in the folder.
+    one tenth of the objects each in "val" and "test", the same ones whatever else is in the folder. Files of one stem
+    are all left out, for nobody knows which is meant.
 
     Args:
         directory: folder of the files.
         units: of the meshes, if `objects.yaml` does not say.
 
     Raises:
-        DataError: no objects, two of one name, a broken `objects.yaml`, or units that nobody gave.
+        DataError: no objects, a broken `objects.yaml`, or units that nobody gave.
     """
 
     def __init__(self, directory: Path, units: Units | None = None) -> None:
@@ -60,24 +59,30 @@ class MeshFolderObjectSet(FileObjectSet):
             raise DataError(f"{directory}: no objects found (looked for *.urdf and *{', *'.join(MESH_SUFFIXES)})")
         listed = read_folder_list(directory)
         given = listed.units or units
-        self._units: Units = given or "m"
         if given is None and paths[0].suffix.lower() != ".urdf":
             raise DataError(
                 f'{directory}: in which units are the meshes? Write "units: m" or "units: mm" in {LIST_FILE}'
             )
+        copies = Counter(path.stem for path in paths)
         files: dict[str, ObjectFile] = {}
         for path in paths:
-            if path.stem in files:
-                raise DataError(f"{directory}: two objects are named {path.stem!r}")
+            if copies[path.stem] > 1:
+                continue
             split = listed.splits.get(path.stem, "train") if listed.splits else _split_by_name(path.stem)
             files[path.stem] = ObjectFile(path, listed.classes.get(path.stem, "other"), KINDS, split)
-        super().__init__(directory.resolve().name, files)
+        super().__init__(
+            directory.resolve().name,
+            files,
+            left_out=doubles(copies),
+            units=given,
+            settings=f"{given}, {decomposition_method()}",
+        )
 
     def _load(self, key: str) -> ObjectModel:
         file = self.file(key)
         if file.path.suffix.lower() == ".urdf":
             return read_urdf_object(file.path, key, file.class_name)
-        surface = read_scaled_mesh(file.path, self._units)
+        surface = read_scaled_mesh(file.path, self.units or "m")
         surface.apply_translation(-_centre(surface))
         return ObjectModel(key, file.class_name, surface, decompose(surface, cache_directory() / "convex_parts"))
 

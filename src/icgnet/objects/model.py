@@ -11,6 +11,9 @@ from scipy.spatial import ConvexHull
 from icgnet.errors import DataError
 from icgnet.geometry.signed_distance import SignedDistanceGrid, cached_signed_distance_grid
 
+FLAT = 1e-4
+"""A mesh whose vertices are nearer to a plane than this share of its longest side encloses nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectModel:
@@ -38,19 +41,31 @@ def clean_surface(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
     """Returns the mesh with vertices merged by position and the winding of every closed component outward.
 
     Scans come with split vertices along texture seams and with single components turned inside out; both
-    would break inside/outside tests and surface normals.
+    would break inside/outside tests and surface normals. Sheets come with a second side, whose faces are the
+    first one's backwards; one side is left.
 
     Raises:
-        DataError: nothing but degenerate faces is left.
+        DataError: a vertex is not finite, nothing but degenerate faces is left, or all of it lies in a plane.
     """
+    if not np.isfinite(mesh.triangles).all():
+        raise DataError(f"{source}: the mesh has vertices that are not finite numbers")
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    mesh.remove_unreferenced_vertices()
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) == 0:
         raise DataError(f"{source}: the mesh is empty (no face with an area)")
+    if _thickness(mesh.vertices) < FLAT * float(mesh.extents.max()):
+        raise DataError(f"{source}: the mesh is flat (all its vertices lie in a plane)")
     trimesh.repair.fix_normals(mesh, multibody=True)
     return trimesh.Trimesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64), process=False)
+
+
+def _thickness(points: Float[np.ndarray, "n 3"]) -> float:
+    """Returns the root mean square distance of points from the plane that fits them best."""
+    offsets = points - points.mean(axis=0)
+    return float(np.linalg.svd(offsets, compute_uv=False)[-1] / np.sqrt(len(points)))
 
 
 def convex_hull(points: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:

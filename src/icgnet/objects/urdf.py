@@ -12,6 +12,9 @@ from trimesh.transformations import euler_matrix
 from icgnet.errors import DataError
 from icgnet.objects.model import ObjectModel, clean_surface, convex_hull
 
+SIZE_RATIO = 2.0
+"""Visual and collision geometry that differ in length by more than this are not of one thing."""
+
 
 def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
     """Returns the object that a URDF with one link describes [m, link frame].
@@ -20,7 +23,8 @@ def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
     sizes, and the simulation draws its own.
 
     Raises:
-        DataError: broken XML, no or several links, no visual or collision geometry, a missing or empty mesh.
+        DataError: broken XML, no or several links, no visual or collision geometry, a missing, empty or flat mesh,
+            or a visual and a collision geometry of different sizes.
     """
     link = _only_link(path)
     visuals = [piece for element in link.findall("visual") for piece in _read_geometry(element, path, split=False)]
@@ -29,7 +33,9 @@ def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
         raise DataError(f"{path}: the link has no <visual> geometry")
     if not parts:
         raise DataError(f"{path}: the link has no <collision> geometry")
-    return ObjectModel(name, class_name, clean_surface(_joined(visuals), str(path)), tuple(parts))
+    surface = clean_surface(_joined(visuals), str(path))
+    _check_same_size(surface, parts, path)
+    return ObjectModel(name, class_name, surface, tuple(parts))
 
 
 def read_convex_groups(path: Path) -> list[trimesh.Trimesh]:
@@ -55,7 +61,9 @@ def read_convex_groups(path: Path) -> list[trimesh.Trimesh]:
                 groups[-1].update(index - 1 if index > 0 else len(vertices) + index for index in indices)
         points = np.array(vertices, np.float64).reshape(-1, 3)
         hulls = [convex_hull(points[sorted(group)]) for group in groups if group]
-    except (OSError, ValueError, IndexError, QhullError) as error:
+    except QhullError as error:
+        raise DataError(f"{path}: a convex group is flat") from error
+    except (OSError, ValueError, IndexError) as error:
         raise DataError(f"{path}: cannot read the convex groups: {str(error).splitlines()[0]}") from error
     if not hulls:
         raise DataError(f"{path}: the mesh is empty (no faces)")
@@ -66,6 +74,17 @@ def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
     return trimesh.Trimesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), process=False)
+
+
+def _check_same_size(surface: trimesh.Trimesh, parts: list[trimesh.Trimesh], path: Path) -> None:
+    """Raises DataError where one of the two is in other units than the other."""
+    corners = np.concatenate([part.bounds for part in parts])
+    visual, collision = float(surface.extents.max()), float(np.ptp(corners, axis=0).max())
+    if not 1.0 / SIZE_RATIO < visual / collision < SIZE_RATIO:
+        raise DataError(
+            f"{path}: the visual mesh is {visual:.4g} m long, the collision geometry {collision:.4g} m: "
+            "are the units right?"
+        )
 
 
 def _only_link(path: Path) -> ElementTree.Element:

@@ -1,9 +1,10 @@
 """Object sets in the VGN layout: `packed/{train,test}` and `pile/{train,test}` with URDF files."""
 
+from collections import Counter
 from pathlib import Path
 
 from icgnet.errors import DataError
-from icgnet.objects.base import KINDS, FileObjectSet, Kind, ObjectFile, Split
+from icgnet.objects.base import KINDS, FileObjectSet, Kind, ObjectFile, Split, doubles
 from icgnet.objects.classes import VGN_CLASSES, VGN_VAL, read_classes
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.urdf import read_urdf_object
@@ -13,10 +14,11 @@ class UrdfObjectSet(FileObjectSet):
     """Objects in the VGN layout: `packed/{train,test}/*.urdf` and `pile/{train,test}/*.urdf`, keys "pile/name".
 
     Classes come from `classes.json` in the folder and held-out names from `val.txt`; for the VGN objects
-    themselves both ship with this package. Objects without a class are "other".
+    themselves both ship with this package. Objects without a class are "other". A key that is in train and in test is
+    left out of both.
 
     Raises:
-        DataError: no URDFs, broken lists, or a name that is in train and in test.
+        DataError: no URDFs, or broken lists.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -28,18 +30,23 @@ class UrdfObjectSet(FileObjectSet):
         classes = _classes(directory, vgn_classes if is_vgn else {})
         held_out = _held_out(directory, is_vgn)
         files: dict[str, ObjectFile] = {}
+        copies = Counter(object_key(path) for path in paths)
         for path in paths:
+            if copies[object_key(path)] > 1:
+                continue
             kind: Kind = "packed" if path.parent.parent.name == "packed" else "pile"
             split: Split = "test" if path.parent.name == "test" else "val" if path.stem in held_out else "train"
-            key = f"{kind}/{path.stem}"
-            if key in files:
-                raise DataError(f"{directory}: {key} is in train and in test")
-            files[key] = ObjectFile(path, classes.get(path.stem, "other"), (kind,), split)
-        super().__init__("vgn" if is_vgn else directory.resolve().name, files)
+            files[object_key(path)] = ObjectFile(path, classes.get(path.stem, "other"), (kind,), split)
+        super().__init__("vgn" if is_vgn else directory.resolve().name, files, left_out=doubles(copies))
 
     def _load(self, key: str) -> ObjectModel:
         file = self.file(key)
         return read_urdf_object(file.path, key, file.class_name)
+
+
+def object_key(path: Path) -> str:
+    """Returns the key of a URDF in the VGN layout, such as "pile/cup"."""
+    return f"{path.parent.parent.name}/{path.stem}"
 
 
 def urdf_paths(directory: Path) -> list[Path]:

@@ -1,0 +1,63 @@
+"""Files that appear whole or not at all, whenever the process is killed."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from icgnet.errors import DataError
+
+PARTIAL = ".partial"
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to write into, which takes the place of `path` when the block ends without an error.
+
+    By then it is on the disk and not only in the system's memory, so that a power cut cannot leave an empty file
+    under a final name.
+
+    Raises:
+        DataError: the system cannot write (disk full, no permission); nothing is left behind.
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    try:
+        with partial.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise DataError(f"{path}: cannot write: {error.strerror or error}") from error
+
+
+def write_json(path: Path, values: Mapping[str, object]) -> None:
+    """Writes a JSON file, whole or not at all.
+
+    Raises:
+        DataError: the system cannot write.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with new_file(path) as file:
+        file.write((json.dumps(values, indent=2) + "\n").encode())
+
+
+def remove_partial_files(directory: Path) -> None:
+    """Deletes what a killed run had begun to write."""
+    for path in directory.glob(f"*{PARTIAL}"):
+        path.unlink(missing_ok=True)
+
+
+def _sync_folder(directory: Path) -> None:
+    """Puts a renaming on the disk, too; Windows has no way to ask for that, and cannot open folders."""
+    if os.name == "nt":
+        return
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

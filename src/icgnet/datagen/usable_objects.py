@@ -1,0 +1,64 @@
+"""Which objects of a set scenes can be made of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from icgnet.datagen.job import GenerateConfig
+from icgnet.datagen.recipe import MANIFEST
+from icgnet.errors import InputError
+from icgnet.objects.base import FileObjectSet
+from icgnet.objects.check import check_object_set
+from icgnet.objects.object_set import ObjectSet, load_object_set
+
+NAMED = 5
+"""So many objects are named in one sentence."""
+
+
+@dataclass(frozen=True)
+class UsableObjects:
+    """An object set without what is broken in it.
+
+    Attributes:
+        object_set: the set; its `left_out` says what is not used, and why.
+        doubtful: objects that are used although something about them is odd, with what that is.
+    """
+
+    object_set: ObjectSet
+    doubtful: dict[str, str]
+
+    def notices(self) -> list[str]:
+        """A line on each object that is left out, and one on those that look odd."""
+        lines = [f"{name} is left out: {reason}" for name, reason in self.object_set.left_out.items()]
+        if self.doubtful:
+            lines.append(f"used, but odd (see `doubtful` in {MANIFEST}): {first_of(list(self.doubtful))}")
+        return lines
+
+
+def usable_objects(config: GenerateConfig) -> UsableObjects:
+    """The objects that a run can use.
+
+    Raises:
+        InputError: there is no such set, or nothing usable in it for one of the kinds of scenes.
+        DataError: the set's lists are broken.
+    """
+    object_set = load_object_set(config.objects)
+    keys = {key for kind in config.kinds for key in object_set.names(kind, config.split)}
+    problems: dict[str, dict[str, str]] = {"ok": {}, "warning": {}, "broken": {}}
+    for report in check_object_set(object_set, sorted(keys)):
+        problems[report.status][report.name] = "; ".join(report.problems)
+    if isinstance(object_set, FileObjectSet):
+        object_set = object_set.without(problems["broken"])
+    for kind in config.kinds:
+        if not object_set.names(kind, config.split):
+            left_out = list(object_set.left_out)
+            raise InputError(
+                f"object set {object_set.name!r} has no usable objects for {kind} scenes, split {config.split!r}"
+                + (f" ({len(left_out)} left out: {first_of(left_out)})" if left_out else "")
+            )
+    return UsableObjects(object_set, problems["warning"])
+
+
+def first_of(items: Sequence[str]) -> str:
+    """The first few of many items in a sentence, and how many more there are."""
+    more = f" and {len(items) - NAMED} more" if len(items) > NAMED else ""
+    return ", ".join(items[:NAMED]) + more

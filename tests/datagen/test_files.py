@@ -1,0 +1,75 @@
+import errno
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from icgnet.datagen.files import new_file, remove_partial_files, write_json
+from icgnet.errors import DataError
+
+LITTLE_DISK = """
+import resource, sys
+from pathlib import Path
+from icgnet.datagen.files import new_file
+from icgnet.errors import DataError
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    with new_file(Path(sys.argv[1])) as file:
+        file.write(b"x" * 5000)
+except DataError as error:
+    print(error)
+"""
+
+DEATH = """
+import os, signal, sys
+from pathlib import Path
+from icgnet.datagen.files import new_file
+with new_file(Path(sys.argv[1])) as file:
+    file.write(b"half")
+    file.flush()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def run(code, path):
+    return subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True).stdout
+
+
+def test_a_file_takes_its_place_when_the_block_ends(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"old")
+    with new_file(path) as file:
+        file.write(b"new")
+        assert path.read_bytes() == b"old"
+    assert path.read_bytes() == b"new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX limits")
+def test_a_system_that_cannot_write_more_leaves_the_old_file_and_no_half_one(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"old")
+    assert f"{path}: cannot write: File too large" in run(LITTLE_DISK, path)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_death_in_the_middle_leaves_no_half_file_under_the_final_name(tmp_path):
+    path = tmp_path / "file"
+    run(DEATH, path)
+    assert [file.name for file in tmp_path.iterdir()] == ["file.partial"]
+    remove_partial_files(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_of_the_system_says_what_it_is(tmp_path):
+    with pytest.raises(DataError, match=r"file: cannot write: No space left on device"), new_file(tmp_path / "file"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_json_comes_back(tmp_path):
+    write_json(tmp_path / "new" / "file.json", {"a": [1, 2]})
+    assert json.loads((tmp_path / "new" / "file.json").read_text()) == {"a": [1, 2]}

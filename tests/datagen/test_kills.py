@@ -1,0 +1,72 @@
+"""kill -9 at any moment: nothing finished is lost, nothing is half written, the next start goes on."""
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from icgnet.datagen.generate import generate
+from icgnet.datagen.job import GenerateConfig
+from icgnet.datagen.label_scene import LabelSettings
+from icgnet.datagen.recipe import read_shard
+
+KILLS = 10
+CONFIG = GenerateConfig(
+    scene="pile", scenes=60, seed=3, shard_scenes=1, labels=LabelSettings(contacts=2, object_count=1)
+)
+
+RUN = """
+import pickle, sys
+from pathlib import Path
+from icgnet.datagen.generate import generate
+if __name__ == "__main__":
+    generate(sys.argv[1], pickle.loads(Path(sys.argv[2]).read_bytes()))
+"""
+
+
+def finished(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.parquet"))}
+
+
+def start(folder: Path, config: GenerateConfig) -> subprocess.Popen:
+    script, settings = folder.with_name("run.py"), folder.with_name("config.pickle")
+    script.write_text(RUN)
+    settings.write_bytes(pickle.dumps(config))
+    arguments = [sys.executable, str(script), str(folder), str(settings)]
+    return subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ten_kills_at_random_moments_lose_nothing_that_was_finished(tmp_path):
+    """Each start must get one to two files further, so that kills fall on the making and on the writing of scenes."""
+    folder = tmp_path / "killed"
+    rng = np.random.default_rng(0)
+    before: dict[str, bytes] = {}
+    for kill in range(KILLS):
+        wanted = len(before) + int(rng.integers(1, 3))
+        run = start(folder, replace(CONFIG, workers=2 if kill == 5 else 1))
+        while len(list(folder.glob("*.parquet"))) < wanted:
+            assert run.poll() is None, run.communicate()[1]
+            time.sleep(0.001)
+        time.sleep(rng.uniform(0.0, 0.2))
+        run.kill()
+        run.communicate()
+        after = finished(folder)
+        assert after.items() >= before.items(), "a file that was finished is lost or changed"
+        assert all(len(read_shard(folder / name)) == CONFIG.shard_scenes for name in after.keys() - before.keys())
+        before = after
+    count = len(before) + 3
+    assert count <= CONFIG.scenes, "the run was over before the last kill"
+    config = replace(CONFIG, scenes=count)
+    report = generate(folder, config)
+    assert report.scenes_found == len(before)
+    generate(tmp_path / "undisturbed", config)
+    assert finished(folder) == finished(tmp_path / "undisturbed")
+    assert not list(folder.glob("*.partial"))

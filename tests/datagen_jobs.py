@@ -1,0 +1,80 @@
+"""Jobs for the tests of the pools: no physics, but workers that die. Worker processes import them from here."""
+
+import os
+import signal
+import sys
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from icgnet.datagen.job import GenerateConfig, Job
+from icgnet.datagen.pool import LocalPool
+from icgnet.datagen.recipe import Recipe, RecipeContacts
+from icgnet.grasping.gripper import load_gripper
+from icgnet.objects.object_set import load_object_set
+
+
+def make(job_class: type[Job], *arguments) -> Job:
+    return job_class(GenerateConfig(seed=4), load_object_set("procedural"), load_gripper("franka"), *arguments)
+
+
+def empty_recipe(scene_id: int) -> Recipe:
+    none, vectors, bits = np.zeros(0), np.zeros((0, 3), np.float32), np.zeros(0, np.uint16)
+    contacts = RecipeContacts(vectors, vectors, none.astype(np.int64), none.astype(np.float32), bits, bits, bits)
+    return Recipe(scene_id, "pile", "procedural", "train", 4, (), contacts)
+
+
+@dataclass(frozen=True)
+class QuickJob(Job):
+    def label(self, scene_id: int) -> Recipe:
+        return empty_recipe(scene_id)
+
+
+@dataclass(frozen=True)
+class FatalJob(Job):
+    """The scene `fatal` kills its workers until so many of them have left their mark in a folder."""
+
+    fatal: int
+    deaths: int
+    marks: Path
+
+    def label(self, scene_id: int) -> Recipe:
+        if scene_id == self.fatal and len(list(self.marks.iterdir())) < self.deaths:
+            (self.marks / str(os.getpid())).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return empty_recipe(scene_id)
+
+
+@dataclass(frozen=True)
+class FaultyJob(Job):
+    """The scene 2 raises an error that nobody has foreseen."""
+
+    def label(self, scene_id: int) -> Recipe:
+        if scene_id == 2:
+            raise ZeroDivisionError("a bug")
+        return empty_recipe(scene_id)
+
+
+@dataclass(frozen=True)
+class EndlessJob(Job):
+    """Says that it has begun, and then works for a minute without listening to anybody."""
+
+    def label(self, scene_id: int) -> Recipe:
+        print("begun", flush=True)
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            pass
+        return empty_recipe(scene_id)
+
+
+def work_endlessly() -> None:
+    """What the test of orphans runs in a process of its own."""
+    with closing(LocalPool(make(EndlessJob), 1)) as pool:
+        list(pool.label([0]))
+
+
+if __name__ == "__main__":
+    sys.exit(work_endlessly())
