@@ -8,11 +8,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from icgnet.benchmark.record import write_report
+from icgnet.cli.benchmark_network import Latency, Reconstruction, Segmentation
+
 if TYPE_CHECKING:
     from icgnet.benchmark.simulation import Agreement, SceneNumbers, Trace
     from icgnet.simulation.holds import Hold
-
-REPORT_FILE = "report.json"
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Simulation:
             "scenes": [asdict(each) for each in numbers],
             "agreement": asdict(agreement),
         }
-        _write(self.out, report)
+        write_report(self.out, report)
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class Loader:
             soft_wrap=True,
         )
         settings = {"data": [str(folder) for folder in self.data], "preset": self.preset}
-        _write(self.out, {"settings": settings, "loader": asdict(numbers)})
+        write_report(self.out, {"settings": settings, "loader": asdict(numbers)})
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,9 @@ class Benchmark:
         tyro.conf.OmitArgPrefixes[
             Annotated[Simulation, tyro.conf.subcommand("simulation")]
             | Annotated[Loader, tyro.conf.subcommand("loader")]
+            | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
+            | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
+            | Annotated[Latency, tyro.conf.subcommand("latency")]
         ]
     ]
     """What to measure."""
@@ -113,20 +117,10 @@ class Benchmark:
         self.number.run()
 
 
-def _write(out: Path | None, report: dict[str, object]) -> None:
-    """Writes a report and what it was made with, if a folder is given."""
-    if out is None:
-        return
-    from icgnet.benchmark.record import origin
-    from icgnet.datagen.files import write_json
-
-    write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
-
-
 def _trace_table(traces: list["Trace"]) -> Table:
     from icgnet.benchmark.published import TRACE_RISE, TRACE_STANDOFF
 
-    title = f"grasps from above [mm]; the published hand rises by {1e3 * TRACE_RISE:.1f}"
+    title = f"grasps from above, in mm; the published hand rises by {1e3 * TRACE_RISE:.1f}"
     table = Table("object", "width", "published", "less standoff", "difference", "rise", "creep", title=title)
     for trace in traces:
         ours, theirs = trace.ours, trace.published.width
@@ -157,7 +151,7 @@ def _scene_table(numbers: list["SceneNumbers"]) -> Table:
         "lost by falling through the table": (0.0, 0.0, 0.0, PILE_FELL_THROUGH),
         "rejected share of attempts": (stood.rejected, packed.rejected, None, None),
         "tilted by more than 20 degrees": (stood.tilted, packed.tilted, None, None),
-        "top speed [m/s]": (stood.top_speed, None, dropped.top_speed, None),
+        "top speed, m/s": (stood.top_speed, None, dropped.top_speed, None),
     }
     for name, values in rows.items():
         table.add_row(name, *("-" if value is None else f"{value:.2f}" for value in values))
