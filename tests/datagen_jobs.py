@@ -29,8 +29,8 @@ def empty_recipe(scene_id: int) -> Recipe:
 
 @dataclass(frozen=True)
 class QuickJob(Job):
-    def label(self, scene_id: int) -> Recipe:
-        return empty_recipe(scene_id)
+    def make(self, number: int) -> Recipe:
+        return empty_recipe(number)
 
 
 @dataclass(frozen=True)
@@ -41,39 +41,39 @@ class FatalJob(Job):
     deaths: int
     marks: Path
 
-    def label(self, scene_id: int) -> Recipe:
-        if scene_id == self.fatal and len(list(self.marks.iterdir())) < self.deaths:
+    def make(self, number: int) -> Recipe:
+        if number == self.fatal and len(list(self.marks.iterdir())) < self.deaths:
             (self.marks / str(os.getpid())).touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        return empty_recipe(scene_id)
+        return empty_recipe(number)
 
 
 @dataclass(frozen=True)
 class FaultyJob(Job):
     """The scene 2 raises an error that nobody has foreseen."""
 
-    def label(self, scene_id: int) -> Recipe:
-        if scene_id == 2:
+    def make(self, number: int) -> Recipe:
+        if number == 2:
             raise ZeroDivisionError("a bug")
-        return empty_recipe(scene_id)
+        return empty_recipe(number)
 
 
 @dataclass(frozen=True)
 class EndlessJob(Job):
     """Says that it has begun, and then works for a minute without listening to anybody."""
 
-    def label(self, scene_id: int) -> Recipe:
+    def make(self, number: int) -> Recipe:
         print("begun", flush=True)
         end = time.monotonic() + 60.0
         while time.monotonic() < end:
             pass
-        return empty_recipe(scene_id)
+        return empty_recipe(number)
 
 
 def work_endlessly() -> None:
     """What the test of orphans runs in a process of its own."""
     with closing(LocalPool(make(EndlessJob), 1)) as pool:
-        list(pool.label([0]))
+        list(pool.make([0]))
 
 
 if __name__ == "__main__":

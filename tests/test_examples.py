@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("0[1-3]_*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("0[1-4]_*.py")), ids=lambda path: path.stem)
 def test_example_runs(path, capsys, monkeypatch):
     if not (CAPTURE.is_file() and DEFAULT_WEIGHTS.is_file()):
         pytest.skip("needs the shipped weights and the demo capture")

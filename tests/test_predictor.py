@@ -1,6 +1,7 @@
 """The whole way from depth to grasps, with a small network that has random weights."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -194,6 +195,29 @@ def test_the_saved_files_hold_what_is_promised(in_camera, tmp_path):
         assert grasps["class_name"].tolist() == [entry["class_name"] for entry in result["grasps"]]
     for entry in result["objects"]:
         assert (tmp_path / "out" / entry["mesh"]).is_file()
+
+
+def test_a_search_that_ends_early_finds_the_same_best_grasps(predictor, in_world, depth):
+    early = predictor.with_search(most=3).predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
+    assert 3 <= len(early.grasps) < len(in_world.grasps)
+    np.testing.assert_allclose(early.grasps.scores[:3], in_world.grasps.scores[:3])
+    np.testing.assert_allclose(early.grasps.poses[:3], in_world.grasps.poses[:3])
+
+
+def test_a_hand_that_comes_fully_open_is_checked_fully_open(predictor, depth):
+    def rejected(clearance, opening):
+        hand = replace(predictor.gripper, clearance=clearance)
+        searcher = Predictor(predictor.network, hand, replace(QUICK, opening=opening))
+        return searcher.predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT).rejected
+
+    # With 4 cm of clearance every opening is the largest.
+    assert rejected(0.0, "full") == rejected(0.04, "predicted")
+    assert rejected(0.0, "full") != rejected(0.0, "predicted")
+
+
+def test_a_search_for_no_grasps_is_refused():
+    with pytest.raises(InputError, match="most must be at least 1, got 0"):
+        GraspSearch(most=0)
 
 
 def test_a_folder_that_is_no_prediction_is_named(tmp_path):

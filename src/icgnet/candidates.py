@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
 from icgnet.geometry.workspace import TABLE_HEIGHT, above_table, contains
 from icgnet.grasp_search import GraspSearch
-from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions
+from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions, draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
@@ -28,6 +28,8 @@ STEEP = 0.5
 STEEP_WEIGHT = 0.2
 CONTACTS_AT_ONCE = 512
 CHECKS_AT_ONCE = 48
+CHECKS_PER_WANTED = 4
+"""Where few free grasps are wanted, so many times as many candidates are checked at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +169,9 @@ def _believed(
     contact, angle = np.nonzero(likely & fits[:, None])
     used, position = np.unique(contact, return_inverse=True)
     poses = grasp_poses(contacts.points[used], contacts.normals[used], widths[used], gripper.finger_reach)
+    openings = search.openings(widths[contact], gripper)
     grasps = Grasps(
-        poses=poses[position, angle],
+        poses=draw_back(poses[position, angle], openings, gripper, TABLE_HEIGHT),
         widths=widths[contact],
         scores=probabilities[contact, angle],
         instances=contacts.instances[contact],
@@ -183,7 +186,7 @@ def keep_free(
 ) -> tuple[Grasps, dict[str, int]]:
     """The best grasps whose hand touches nothing on its way, and how many were dropped for what.
 
-    Candidates are checked in the order of their score, until every object has enough.
+    Candidates are checked in the order of their score, until every object has enough, or all have together.
 
     Args:
         grasps: candidates, table frame, best first.
@@ -197,15 +200,16 @@ def keep_free(
     found = np.zeros(len(shapes), dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
     free: list[Int[np.ndarray, "k"]] = []
-    while checked.sum() < search.max_checked:
+    at_once = CHECKS_AT_ONCE if search.most is None else min(CHECKS_AT_ONCE, CHECKS_PER_WANTED * search.most)
+    while checked.sum() < search.max_checked and (search.most is None or found.sum() < search.most):
         # Those of an object that has enough are left, without having been looked at.
         wanted = ~checked & (found < search.per_object)[grasps.instances]
-        batch = np.flatnonzero(wanted)[:CHECKS_AT_ONCE]
+        batch = np.flatnonzero(wanted)[:at_once]
         if len(batch) == 0:
             break
         collisions = check_collisions(
             grasps.poses[batch],
-            gripper.opening(grasps.widths[batch]),
+            search.openings(grasps.widths[batch], gripper),
             gripper,
             partial(scene_occupancy, shapes),
             TABLE_HEIGHT,

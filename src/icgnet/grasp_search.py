@@ -1,9 +1,15 @@
 """Settings of the search for grasps."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
 
 from icgnet.errors import InputError
+from icgnet.grasping.gripper import Gripper
+
+Opening = Literal["predicted", "full"]
 
 
 @dataclass(frozen=True)
@@ -18,10 +24,14 @@ class GraspSearch:
     """Candidates with a lower score are dropped."""
     per_object: int = 16
     """Collision-free grasps after which an object has enough."""
+    most: int | None = None
+    """Collision-free grasps, of all objects together, after which the search ends; None for no such end."""
     max_checked: int = 2048
     """Candidates that are checked for collision at most."""
     width_from: Literal["network", "shape"] = "network"
     """Whether the object's width comes from the network or from a ray through the predicted shape."""
+    opening: Opening = "predicted"
+    """How far the hand is open on its way: as far as the object's width needs, or fully."""
     resample: bool = True
     """Score points of the predicted surfaces, too, when the seen points give too few good grasps."""
     few: int = 5
@@ -30,8 +40,8 @@ class GraspSearch:
     """A grasp is good from this score on."""
 
     def __post_init__(self) -> None:
-        for name in ("contacts", "per_object", "max_checked"):
-            if getattr(self, name) < 1:
+        for name in ("contacts", "per_object", "max_checked", "most"):
+            if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise InputError(f"{name} must be at least 1, got {getattr(self, name)}")
         for name in ("min_score", "good_score"):
             if not 0.0 <= getattr(self, name) <= 1.0:
@@ -40,6 +50,12 @@ class GraspSearch:
             raise InputError(f"merge_parts must be 'auto', 'always' or 'never', got {self.merge_parts!r}")
         if self.width_from not in ("network", "shape"):
             raise InputError(f"width_from must be 'network' or 'shape', got {self.width_from!r}")
+        if self.opening not in get_args(Opening):
+            raise InputError(f"opening must be one of {', '.join(get_args(Opening))}, got {self.opening!r}")
+
+    def openings(self, widths: Float[np.ndarray, "g"], gripper: Gripper) -> Float[np.ndarray, "g"]:
+        """Openings of a hand [m] on its way to objects of these widths [m]."""
+        return np.full(len(widths), gripper.max_opening) if self.opening == "full" else gripper.opening(widths)
 
 
 DEFAULT_SEARCH = GraspSearch()

@@ -197,7 +197,8 @@ class Predictor:
             rounds.append(free)
             rejected.update(dropped)
             rejected.update(hit)
-            enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= self.search.few
+            wanted = min(self.search.few, self.search.most or self.search.few)
+            enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= wanted
             if enough or not self.search.resample or len(rounds) == 2:
                 return Grasps.concatenate(rounds).sorted(), dict(rejected)
             contacts = surface_contacts(shapes, self.search.contacts, rng)

@@ -125,7 +125,7 @@ def test_an_object_that_the_set_lacks_is_an_error(objects):
 def test_grasps_amid_other_successes_are_the_safest():
     success = np.zeros((1, 12), bool)
     success[0, 3:8] = True
-    grasps = successful_grasps(with_contacts(GOOD, success=pack_bits(success)), GRIPPER.finger_reach)
+    grasps = successful_grasps(with_contacts(GOOD, success=pack_bits(success)), GRIPPER)
     assert grasps.angles.tolist() == [3, 4, 5, 6, 7]
     np.testing.assert_allclose(grasps.scores, [0.6, 0.8, 1.0, 0.8, 0.6])
     middle = grasps.poses[2, :3, 3] - GRIPPER.finger_reach * grasps.poses[2, :3, 2]

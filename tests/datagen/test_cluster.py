@@ -50,14 +50,14 @@ def test_a_cluster_writes_the_same_files_as_one_worker(cluster, tmp_path):
 @pytest.mark.ray
 def test_a_cluster_makes_every_scene_once(cluster):
     assert cluster.workers == 2
-    assert sorted(recipe.scene_id for recipe in cluster.label(range(20))) == list(range(20))
+    assert sorted(recipe.scene_id for recipe in cluster.make(range(20))) == list(range(20))
 
 
 @pytest.mark.ray
 @pytest.mark.slow
 def test_a_scene_whose_worker_died_is_made_by_another(cluster, tmp_path):
     with closing(RayPool(make(FatalJob, 1, 1, tmp_path), "local", 2)) as pool:
-        assert sorted(recipe.scene_id for recipe in pool.label(range(4))) == [0, 1, 2, 3]
+        assert sorted(recipe.scene_id for recipe in pool.make(range(4))) == [0, 1, 2, 3]
     assert len(list(tmp_path.iterdir())) == 1
     assert cluster.workers == 2, "who joins a cluster does not end it"
 
@@ -67,21 +67,21 @@ def test_a_scene_whose_worker_died_is_made_by_another(cluster, tmp_path):
 def test_a_scene_that_kills_every_worker_is_named(cluster, tmp_path):
     pool = RayPool(make(FatalJob, 1, 100, tmp_path), "local", 2)
     with pytest.raises(DataError, match=rf"scene 1 \(seed 4\): lost on the cluster {TRIES} times"):
-        list(pool.label(range(16)))
+        list(pool.make(range(16)))
     assert len(list(tmp_path.iterdir())) == 2 * TRIES, "first with another scene in the same task, then alone"
 
 
 @pytest.mark.ray
 def test_an_error_in_a_scene_is_raised_here(cluster):
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        list(RayPool(make(FaultyJob), "local", 2).label([2]))
+        list(RayPool(make(FaultyJob), "local", 2).make([2]))
 
 
 @pytest.mark.ray
 def test_a_machine_with_another_version_is_refused(cluster, monkeypatch):
     monkeypatch.setattr("icgnet.__version__", "99.0")
     with pytest.raises(InputError, match=r"this machine has icgnet 99\.0, a machine of the cluster has"):
-        list(cluster.label([0]))
+        list(cluster.make([0]))
 
 
 def test_without_ray_the_error_says_how_to_install_it(monkeypatch):

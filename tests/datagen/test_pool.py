@@ -19,7 +19,7 @@ from icgnet.errors import DataError, InputError
 
 def numbers(job: Job, count: int, workers: int = 2) -> list[int]:
     with closing(LocalPool(job, workers)) as pool:
-        return [recipe.scene_id for recipe in pool.label(range(count))]
+        return [recipe.scene_id for recipe in pool.make(range(count))]
 
 
 def test_a_local_pool_makes_every_scene_once_and_leaves_no_process_behind():
@@ -28,7 +28,7 @@ def test_a_local_pool_makes_every_scene_once_and_leaves_no_process_behind():
 
 
 def test_a_serial_pool_makes_them_in_order():
-    assert [recipe.scene_id for recipe in SerialPool(make(QuickJob)).label([3, 1, 2])] == [3, 1, 2]
+    assert [recipe.scene_id for recipe in SerialPool(make(QuickJob)).make([3, 1, 2])] == [3, 1, 2]
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def test_errors_name_the_scene_and_the_seed(monkeypatch):
 
     monkeypatch.setattr("icgnet.datagen.job.label_scene", refuse)
     with pytest.raises(InputError, match=r"scene 7 \(seed 4\): no object stayed"):
-        make(Job).label(7)
+        make(Job).make(7)
 
 
 def test_closing_a_pool_kills_workers_at_work():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icgnet.geometry.transforms import make_transform, random_rotation, rotation_z
-from icgnet.grasping.collision import Reason, check_collisions, hits_points, hits_table
+from icgnet.grasping.collision import Reason, check_collisions, draw_back, hits_points, hits_table
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.gripper import load_gripper
 from reference import hand_meets, points_in_hand
@@ -233,3 +233,30 @@ def test_hand_without_a_palm_is_checked_by_its_fingers():
     assert reason(from_above(), high) == Reason.OBJECT
     assert reason(from_above(), high, gripper=fingers) == Reason.FREE
     assert reason(from_above(y=0.165), ball(), gripper=fingers) == Reason.OBJECT
+
+
+def drawn_back(pose, opening=0.072):
+    return draw_back(pose, np.full(len(pose), opening), franka, TABLE, limit=0.008, margin=0.001)
+
+
+def test_a_hand_a_little_too_low_is_drawn_back_until_it_clears_the_table():
+    np.testing.assert_allclose(drawn_back(from_above(tips=0.046))[0, :3, 3], [0.15, 0.15, 0.051], atol=1e-12)
+    leaning = make_transform(DOWN @ rotation_about_y(0.5), np.array([0.15, 0.15, 0.05]))[None]
+    moved = drawn_back(leaning)
+    assert hits_table(leaning, np.array([0.072]), franka, TABLE)[0]
+    assert not hits_table(moved, np.array([0.072]), franka, TABLE + 0.00099)[0]
+    # Along its own approach, and turned as before.
+    np.testing.assert_allclose(np.cross(moved[0, :3, 3] - leaning[0, :3, 3], leaning[0, :3, 2]), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(moved[0, :3, :3], leaning[0, :3, :3])
+
+
+def test_hands_that_clear_the_table_or_cannot_are_left_where_they_are():
+    level = make_transform(ALONG_X, np.array([0.15, 0.15, 0.08]))[None]
+    up = make_transform(DOWN @ np.diag([1.0, -1.0, -1.0]), np.array([0.15, 0.15, 0.02]))[None]
+    for pose in (from_above(tips=0.0511), from_above(tips=0.0429), level, up):
+        np.testing.assert_array_equal(drawn_back(pose), pose)
+
+
+def rotation_about_y(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -39,9 +39,14 @@ def test_labels_are_the_same_from_both_sides_of_a_symmetric_box(standing_box, gr
 
 
 def test_a_grasp_through_the_table_is_collided(standing_box, gripper, rng):
-    labels = _label([standing_box(0.05, 0.05, 0.03)], gripper, _contact(z=0.055), rng)
+    labels = _label([standing_box(0.05, 0.05, 0.03)], gripper, _contact(z=0.052), rng)
     assert labels.collided[0, FROM_ABOVE].all()
     assert not labels.success.any()
+
+
+def test_a_hand_that_would_just_touch_the_table_is_drawn_back_and_holds(standing_box, gripper, rng):
+    labels = _label([standing_box(0.05, 0.05, 0.02)], gripper, _contact(z=0.06), rng)
+    assert labels.success[0, FROM_ABOVE].all()
 
 
 def test_a_grasp_through_a_neighbour_is_collided(standing_box, gripper, rng):

@@ -3,9 +3,14 @@
 import os
 import platform
 import subprocess
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from icgnet.datagen.files import write_json
+
+REPORT_FILE = "report.json"
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,16 @@ def origin() -> Origin:
     except PackageNotFoundError:
         package = "unknown"
     return Origin(package, _commit(), _processor(), os.cpu_count() or 1, platform.python_version())
+
+
+def write_report(out: Path | None, report: Mapping[str, object]) -> None:
+    """Writes a report and what it was made with into a folder, if one is given.
+
+    Raises:
+        DataError: the system cannot write.
+    """
+    if out is not None:
+        write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
 
 
 def _commit() -> str | None:

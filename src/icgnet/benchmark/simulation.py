@@ -6,6 +6,8 @@ import numpy as np
 
 from icgnet.benchmark.published import TRACES, PublishedTrace
 from icgnet.errors import InputError
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import Kind, ObjectSet, Split
@@ -178,7 +180,8 @@ def _compare(
     poses, openings = grasp_poses(*jittered, widths, gripper.finger_reach), gripper.opening(widths)
     rows = []
     for index in np.flatnonzero(widths < gripper.max_opening):
-        pose, opening = poses[index, rng.integers(poses.shape[1])], float(openings[index])
+        angle, opening = int(rng.integers(poses.shape[1])), float(openings[index])
+        pose = draw_back(poses[index, [angle]], openings[[index]], gripper, TABLE_HEIGHT)[0]
         target = int(contacts.objects[index])
         filtered = bool(trials.checker.collides(pose[None], np.array([opening]))[0])
         fast = False if filtered else trials.run(pose, opening, target).success

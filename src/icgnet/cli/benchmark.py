@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from icgnet.benchmark.record import write_report
+from icgnet.cli.benchmark_clutter import Clutter
 from icgnet.cli.benchmark_network import Latency, Reconstruction, Segmentation
 
 if TYPE_CHECKING:
@@ -103,7 +104,8 @@ class Benchmark:
 
     number: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[
-            Annotated[Simulation, tyro.conf.subcommand("simulation")]
+            Annotated[Clutter, tyro.conf.subcommand("clutter")]
+            | Annotated[Simulation, tyro.conf.subcommand("simulation")]
             | Annotated[Loader, tyro.conf.subcommand("loader")]
             | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
             | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]

@@ -139,5 +139,5 @@ def _labelled_scene(recipe: "Recipe", object_set: "ObjectSet", gripper: "Gripper
         positions=recipe.contacts.positions.astype(np.float64),
         normals=recipe.contacts.normals.astype(np.float64),
         scores=recipe.labels().mean(axis=1),
-        grasps=successful_grasps(recipe, gripper.finger_reach),
+        grasps=successful_grasps(recipe, gripper),
     )

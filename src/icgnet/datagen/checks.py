@@ -17,6 +17,7 @@ from icgnet.errors import DataError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
+from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Box, Gripper
@@ -157,7 +158,7 @@ def check_scene(recipe: Recipe, object_set: ObjectSet, gripper: Gripper) -> Scen
     owners, names = recipe.contacts.objects, tuple(each.name for each in recipe.objects)
     positions, normals = recipe.contacts.positions.astype(np.float64), recipe.contacts.normals.astype(np.float64)
     widths = recipe.contacts.widths.astype(np.float64)
-    grasps = successful_grasps(recipe, gripper.finger_reach)
+    grasps = successful_grasps(recipe, gripper)
     hands = _hand_points(gripper, grasps)
     bottoms = np.array([each.mesh.bounds[0, 2] - TABLE_HEIGHT for each in placed])
     centres = np.array([each.T_world_object[:3, 3] for each in placed])
@@ -187,14 +188,14 @@ def check_scene(recipe: Recipe, object_set: ObjectSet, gripper: Gripper) -> Scen
     return SceneChecks(recipe.scene_id, measured, float(top), int((gaps < SLACK).sum()) // 2)
 
 
-def successful_grasps(recipe: Recipe, finger_reach: float) -> Grasps:
+def successful_grasps(recipe: Recipe, gripper: Gripper) -> Grasps:
     """The successful grasps of a scene, world frame.
 
     Scores say how safe a grasp is: the share of successes among its angle and the two next ones on either side.
 
     Args:
         recipe: the labelled scene.
-        finger_reach: of the gripper that it was labelled with [m].
+        gripper: that it was labelled with.
     """
     contacts = recipe.contacts
     success = unpack_bits(contacts.success)
@@ -202,10 +203,9 @@ def successful_grasps(recipe: Recipe, finger_reach: float) -> Grasps:
     padded = np.pad(success, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))
     safety = np.mean([padded[:, shift : shift + len(APPROACH_ANGLES)] for shift in range(2 * NEIGHBOURS + 1)], axis=0)
     positions, widths = contacts.positions.astype(np.float64), contacts.widths.astype(np.float64)
-    poses = grasp_poses(positions, contacts.normals.astype(np.float64), widths, finger_reach)
-    return Grasps(
-        poses[rows, angles], widths[rows], safety[rows, angles], contacts.objects[rows], positions[rows], angles
-    )
+    poses = grasp_poses(positions, contacts.normals.astype(np.float64), widths, gripper.finger_reach)[rows, angles]
+    poses = draw_back(poses, gripper.opening(widths[rows]), gripper, TABLE_HEIGHT)
+    return Grasps(poses, widths[rows], safety[rows, angles], contacts.objects[rows], positions[rows], angles)
 
 
 def manifest_gripper(manifest: Mapping[str, object]) -> Gripper:

@@ -59,15 +59,15 @@ class RayPool:
         """Processors of the cluster; it may grow and shrink."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
 
-    def label(self, scene_ids: Sequence[int]) -> Iterator[Recipe]:
+    def make(self, numbers: Sequence[int]) -> Iterator[Recipe]:
         """The labelled scenes, each as soon as its task is finished."""
         task = self._ray.remote(num_cpus=1, max_retries=TRIES - 1)(_label)
         # In a list, Ray hands the reference on instead of sending the whole job along with every task.
         reference = [self._ray.put(self._job)]
         wanted, counted = TASKS_PER_PROCESSOR * self.workers, time.monotonic()
         # Small runs must be spread evenly, too.
-        size = min(SCENES_PER_TASK, max(1, len(scene_ids) // (2 * wanted)))
-        todo = deque(list(scene_ids[start : start + size]) for start in range(0, len(scene_ids), size))
+        size = min(SCENES_PER_TASK, max(1, len(numbers) // (2 * wanted)))
+        todo = deque(list(numbers[start : start + size]) for start in range(0, len(numbers), size))
         pending: dict[ray.ObjectRef[list[Recipe]], list[int]] = {}
         while todo or pending:
             if time.monotonic() - counted > COUNT_SECONDS:
@@ -123,7 +123,7 @@ def _label(version: str, reference: "list[ray.ObjectRef[Job]]", scene_ids: list[
     if key not in _jobs:
         _jobs.clear()
         _jobs[key] = ray.get(reference[0])
-    return [_jobs[key].label(scene_id) for scene_id in scene_ids]
+    return [_jobs[key].make(scene_id) for scene_id in scene_ids]
 
 
 def _import_ray() -> Any:

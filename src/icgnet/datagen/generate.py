@@ -11,7 +11,7 @@ from icgnet.datagen.files import remove_partial_files, write_json
 from icgnet.datagen.job import GenerateConfig, Job
 from icgnet.datagen.lock import locked
 from icgnet.datagen.manifest import make_manifest, prepare_folder
-from icgnet.datagen.pool import LocalPool, Pool, SerialPool
+from icgnet.datagen.pool import Pool, local_pool
 from icgnet.datagen.recipe import Recipe, count_scenes, read_shard, write_shard
 from icgnet.datagen.report import Report, Tally, make_report
 from icgnet.datagen.usable_objects import usable_objects
@@ -88,17 +88,17 @@ def _fill(directory: Path, job: Job, on_progress: Callable[[int], None]) -> Repo
     if missing:
         with closing(_make_pool(job)) as pool:
             start = time.perf_counter()
-            for done, recipe in enumerate(_write_when_full(shards, pool.label(missing)), found + 1):
+            for done, recipe in enumerate(_write_when_full(shards, pool.make(missing)), found + 1):
                 tallies[recipe.kind].add(recipe)
                 on_progress(done)
             workers = pool.workers
     return make_report(tallies, found, time.perf_counter() - start, workers, _bytes_per_scene(directory))
 
 
-def _make_pool(job: Job) -> Pool:
+def _make_pool(job: Job) -> Pool[Recipe]:
     if job.config.ray is not None:
         return RayPool(job, job.config.ray, job.config.workers)
-    return SerialPool(job) if job.config.workers == 1 else LocalPool(job, job.config.workers)
+    return local_pool(job, job.config.workers)
 
 
 def _unfinished_shards(directory: Path, config: GenerateConfig) -> Iterator[Shard]:

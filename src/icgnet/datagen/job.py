@@ -75,7 +75,7 @@ class Job:
     object_set: ObjectSet
     gripper: Gripper
 
-    def label(self, scene_id: int) -> Recipe:
+    def make(self, number: int) -> Recipe:
         """The labelled scene of this number.
 
         Raises:
@@ -83,14 +83,14 @@ class Job:
         """
         config = self.config
         try:
-            kind = kind_of(config.scene, scene_id)
-            return label_scene(scene_id, config.seed, kind, config.split, self.object_set, self.gripper, config.labels)
+            kind = kind_of(config.scene, number)
+            return label_scene(number, config.seed, kind, config.split, self.object_set, self.gripper, config.labels)
         except IcgnetError as error:
-            raise type(error)(f"{self.name(scene_id)}: {error}") from error
+            raise type(error)(f"{self.name(number)}: {error}") from error
         except Exception as error:
-            error.add_note(f"in {self.name(scene_id)}")
+            error.add_note(f"in {self.name(number)}")
             raise
 
-    def name(self, scene_id: int) -> str:
+    def name(self, number: int) -> str:
         """How messages call a scene."""
-        return f"scene {scene_id} (seed {self.config.seed})"
+        return f"scene {number} (seed {self.config.seed})"

@@ -1,4 +1,4 @@
-"""Makes scenes in this process, or in processes of this machine that may die and do not outlive this one."""
+"""Numbered pieces of work in this process, or in processes of this machine that may die and do not outlive this one."""
 
 import os
 import signal
@@ -9,14 +9,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
-from typing import Protocol, runtime_checkable
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
-from icgnet.datagen.job import Job
-from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError
 
+Product = TypeVar("Product")
+Made = TypeVar("Made", covariant=True)
+
 TRIES = 3
-"""So many workers may die over one scene."""
+"""So many workers may die over one number."""
 
 KILLED = -9
 """Exit code of a process that the system ended by force (POSIX)."""
@@ -26,20 +27,33 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 
 @runtime_checkable
-class Pool(Protocol):
-    """Something that makes the scenes of a job."""
+class Job(Protocol[Made]):
+    """Work in numbered pieces, such as the scenes of a data set; it is sent to every worker."""
+
+    def make(self, number: int) -> Made:
+        """The piece of this number, the same one in any process."""
+        ...
+
+    def name(self, number: int) -> str:
+        """How messages call a piece."""
+        ...
+
+
+@runtime_checkable
+class Pool(Protocol[Made]):
+    """Something that makes the pieces of a job."""
 
     @property
     def workers(self) -> int:
-        """How many scenes are made at a time."""
+        """How many pieces are made at a time."""
         ...
 
-    def label(self, scene_ids: Sequence[int]) -> Iterator[Recipe]:
-        """The labelled scenes, each as soon as it is finished, in any order.
+    def make(self, numbers: Sequence[int]) -> Iterator[Made]:
+        """The pieces, each as soon as it is finished, in any order.
 
         Raises:
-            DataError: one scene kills every worker that it is given to.
-            IcgnetError: what `Job.label` raises.
+            DataError: one piece kills every worker that it is given to.
+            IcgnetError: what `Job.make` raises.
         """
         ...
 
@@ -48,38 +62,38 @@ class Pool(Protocol):
         ...
 
 
-class SerialPool:
-    """Makes one scene after the other in the calling process."""
+class SerialPool(Generic[Product]):
+    """Makes one piece after the other in the calling process."""
 
     workers = 1
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job[Product]) -> None:
         self._job = job
 
-    def label(self, scene_ids: Sequence[int]) -> Iterator[Recipe]:
-        """The labelled scenes in the order of their numbers."""
-        return map(self._job.label, scene_ids)
+    def make(self, numbers: Sequence[int]) -> Iterator[Product]:
+        """The pieces in the order of their numbers."""
+        return map(self._job.make, numbers)
 
     def close(self) -> None:
         """There are no workers to end."""
 
 
-class LocalPool:
-    """Makes scenes in processes of this machine.
+class LocalPool(Generic[Product]):
+    """Makes pieces in processes of this machine.
 
-    A worker that dies (out of memory, a fault in native code) is replaced, and its scene is made again. Workers end
+    A worker that dies (out of memory, a fault in native code) is replaced, and its piece is made again. Workers end
     with this process, however it ends.
     """
 
-    def __init__(self, job: Job, workers: int) -> None:
+    def __init__(self, job: Job[Product], workers: int) -> None:
         self.workers = workers
         self._job = job
-        self._busy: dict[Connection, _Worker] = {}
-        self._idle: list[_Worker] = []
+        self._busy: dict[Connection, _Worker[Product]] = {}
+        self._idle: list[_Worker[Product]] = []
 
-    def label(self, scene_ids: Sequence[int]) -> Iterator[Recipe]:
-        """The labelled scenes, each as soon as it is finished."""
-        todo, deaths = deque(scene_ids), Counter[int]()
+    def make(self, numbers: Sequence[int]) -> Iterator[Product]:
+        """The pieces, each as soon as it is finished."""
+        todo, deaths = deque(numbers), Counter[int]()
         while todo or self._busy:
             while todo and len(self._busy) < self.workers:
                 self._give(todo.popleft())
@@ -87,15 +101,15 @@ class LocalPool:
                 worker = self._busy.pop(connection)  # pyright: ignore[reportArgumentType]
                 answer = worker.answer()
                 if answer is None:
-                    deaths[worker.scene_id] += 1
-                    if deaths[worker.scene_id] == TRIES:
-                        raise DataError(f"{self._job.name(worker.scene_id)}: {_death_notice(worker)}")
-                    todo.appendleft(worker.scene_id)
+                    deaths[worker.number] += 1
+                    if deaths[worker.number] == TRIES:
+                        raise DataError(f"{self._job.name(worker.number)}: {_death_notice(worker)}")
+                    todo.appendleft(worker.number)
                     continue
                 self._idle.append(worker)
                 if isinstance(answer, Exception):
                     raise answer
-                # The worker goes on while the caller looks at its scene.
+                # The worker goes on while the caller looks at its piece.
                 if todo:
                     self._give(todo.popleft())
                 yield answer
@@ -110,16 +124,16 @@ class LocalPool:
         self._busy.clear()
         self._idle.clear()
 
-    def _give(self, scene_id: int) -> None:
+    def _give(self, number: int) -> None:
         worker = self._idle.pop() if self._idle else _Worker(self._job)
         self._busy[worker.connection] = worker
-        worker.give(scene_id)
+        worker.give(number)
 
 
-class _Worker:
-    """A process that makes scenes, as the one that started it sees it."""
+class _Worker(Generic[Product]):
+    """A process that makes pieces, as the one that started it sees it."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job[Product]) -> None:
         context = get_context("spawn")
         self.connection, other_end = context.Pipe()
         self.process = context.Process(target=_serve, args=(other_end, job), daemon=True)
@@ -127,16 +141,16 @@ class _Worker:
             self.process.start()
         # Were this end still open here, the death of the worker would not close the pipe.
         other_end.close()
-        self.scene_id = -1
+        self.number = -1
 
-    def give(self, scene_id: int) -> None:
-        """Hands over a scene; that the worker has died meanwhile shows in its answer."""
-        self.scene_id = scene_id
+    def give(self, number: int) -> None:
+        """Hands over a number; that the worker has died meanwhile shows in its answer."""
+        self.number = number
         with suppress(OSError):
-            self.connection.send(scene_id)
+            self.connection.send(number)
 
-    def answer(self) -> Recipe | Exception | None:
-        """What came of the scene; None if the worker has died."""
+    def answer(self) -> Product | Exception | None:
+        """What came of it; None if the worker has died."""
         try:
             return self.connection.recv()
         except (EOFError, OSError):
@@ -145,8 +159,8 @@ class _Worker:
             return None
 
 
-def _serve(connection: Connection, job: Job) -> None:
-    """What a worker does: makes the scenes whose numbers come through the pipe, until it is closed."""
+def _serve(connection: Connection, job: Job[Product]) -> None:
+    """What a worker does: makes the pieces whose numbers come through the pipe, until it is closed."""
     # Ctrl-C reaches every process of the terminal; the one that started the workers decides what becomes of them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -155,9 +169,9 @@ def _serve(connection: Connection, job: Job) -> None:
             connection.send(_answer(job, connection.recv()))
 
 
-def _answer(job: Job, scene_id: int) -> Recipe | Exception:
+def _answer(job: Job[Product], number: int) -> Product | Exception:
     try:
-        return job.label(scene_id)
+        return job.make(number)
     except Exception as error:
         # Tracebacks do not travel between processes, notes do.
         error.add_note("".join(traceback.format_exception(error)))
@@ -172,6 +186,11 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
+def local_pool(job: Job[Product], workers: int) -> Pool[Product]:
+    """The pool for so many processes on this machine; with one, pieces are made in the calling process."""
+    return SerialPool(job) if workers == 1 else LocalPool(job, workers)
+
+
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Processes started in this block compute with one thread each, unless the user has said otherwise."""
@@ -184,7 +203,7 @@ def _one_thread() -> Iterator[None]:
             del os.environ[name]
 
 
-def _death_notice(worker: _Worker) -> str:
+def _death_notice(worker: _Worker[Product]) -> str:
     code = worker.process.exitcode or 0
     cause = f"signal {-code}" if code < 0 else f"exit code {code}"
     hint = "; is there too little memory for so many workers?" if code == KILLED else ""

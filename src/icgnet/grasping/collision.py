@@ -30,6 +30,8 @@ POINT_SPACING = 0.004
 """Measured points are thinned to one in a cube of this edge [m]."""
 POINT_COUNT = 2
 """So many of the thinned points inside the hand are a collision; a single one may be a stray."""
+DRAW_BACK_LIMIT, DRAW_BACK_MARGIN = 0.008, 0.001
+"""How far a hand may be drawn back to clear the table, and by how much it must clear it [m]."""
 BATCH = 200_000
 """Points that the occupancy is asked for at once."""
 
@@ -120,11 +122,48 @@ def hits_table(
         gripper: the hand.
         table_height: height of the table plane [m].
     """
+    return _lowest_points(poses, openings, gripper) < table_height
+
+
+def draw_back(
+    poses: Float[np.ndarray, "g 4 4"],
+    openings: Float[np.ndarray, "g"],
+    gripper: Gripper,
+    table_height: float,
+    limit: float = DRAW_BACK_LIMIT,
+    margin: float = DRAW_BACK_MARGIN,
+) -> Float[np.ndarray, "g 4 4"]:
+    """The same grasps, those that reach a little too low drawn back along their approach until they clear the table.
+
+    The finger tips reach past the contact, which is too far for whatever lies flat: there less must do.
+
+    Args:
+        poses: T_world_grasp.
+        openings: distance between the pads [m].
+        gripper: the hand.
+        table_height: height of the table plane [m].
+        limit: the farthest that a hand is drawn back [m]; grasps that need more stay as they are.
+        margin: distance from the table that is wanted [m].
+    """
+    missing = table_height + margin - _lowest_points(poses, openings, gripper)
+    downwards = -poses[:, 2, 2]
+    # A hand that comes in level does not get higher on its way back.
+    way = np.where(missing > 0.0, missing / np.maximum(downwards, 1e-6), 0.0)
+    way[way > limit] = 0.0
+    drawn = poses.copy()
+    drawn[:, :3, 3] -= way[:, None] * poses[:, :3, 2]
+    return drawn
+
+
+def _lowest_points(
+    poses: Float[np.ndarray, "g 4 4"], openings: Float[np.ndarray, "g"], gripper: Gripper
+) -> Float[np.ndarray, "g"]:
+    """Height of the lowest point of the hand [m]."""
     hand = _HandBoxes.of(gripper)
     upward = poses[:, 2, :3]
     centres = poses[:, 2, 3, None] + np.einsum("gbd,gd->gb", hand.centres_at(openings), upward)
     lowest = centres - np.abs(upward) @ hand.halves.T
-    return lowest.min(axis=1, initial=np.inf) < table_height
+    return lowest.min(axis=1, initial=np.inf)
 
 
 def hits_points(

@@ -77,6 +77,19 @@ def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple
     return network.eval(), metadata
 
 
+def stored_checksum(path: Path | str) -> str:
+    """SHA-256 of the weights as their file states it; `load_weights` checks that it is true.
+
+    Raises:
+        DataError: for a missing, damaged or foreign file.
+    """
+    try:
+        with safe_open(Path(path), framework="pt") as file:
+            return (file.metadata() or {})["sha256"]
+    except (SafetensorError, OSError, KeyError) as error:
+        raise DataError(f"{path}: not icgnet weights ({type(error).__name__} {error})") from error
+
+
 def _fill(network: IcgNet, tensors: dict[str, Tensor], path: Path) -> None:
     expected = network.state_dict()
     wrong = sorted(set(tensors) ^ set(expected))

@@ -19,6 +19,7 @@ PACKED_ATTEMPTS = 12
 PACKED_GAP = 0.002  # objects nearer than this count as touching [m]
 PACKED_FALL = 0.005  # packed objects start this far above the table [m]
 PILE_DROP = 0.2  # height above the table from which pile objects are dropped [m]
+PILE_RAISE = 0.02  # ... and by how much higher, again and again, while that is inside another object [m]
 
 
 @dataclass(frozen=True)
@@ -153,10 +154,18 @@ class _Spawner:
         """Drops all objects into the drop box and takes the box away."""
         for index, draw in enumerate(self._draws):
             self._attempts += 1
-            self._world.place(index, make_transform(draw.rotation, np.array([*draw.xy, TABLE_HEIGHT + PILE_DROP])))
+            self._place_above(index, draw)
             self._settling.wait_for_rest(timeout=1.0)
         self._world.remove_drop_box()
         self._settling.remove_outside()
+
+    def _place_above(self, index: int, draw: _Draw) -> None:
+        """Puts an object where it is dropped, higher where the pile already reaches: inside of it, it would explode."""
+        height = TABLE_HEIGHT + PILE_DROP
+        self._world.place(index, make_transform(draw.rotation, np.array([*draw.xy, height])))
+        while self._world.touches_anything(index, margin=0.0):
+            height += PILE_RAISE
+            self._world.place(index, make_transform(draw.rotation, np.array([*draw.xy, height])))
 
     def result(self, kind: Kind) -> Spawn:
         """The scene as it is now."""

@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float
 
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.approach import APPROACH_LENGTH, ApproachChecker
@@ -150,8 +152,9 @@ class Trials:
     ) -> Labels:
         every = np.arange(ANGLES)
         widths = np.full(ANGLES, width)
-        poses = grasp_poses(positions, normals, widths, self.gripper.finger_reach)[every, every]
         openings = self.gripper.opening(widths)
+        poses = grasp_poses(positions, normals, widths, self.gripper.finger_reach)[every, every]
+        poses = draw_back(poses, openings, self.gripper, TABLE_HEIGHT)
         collided = self.checker.collides(poses, openings)
         success, disturbed = np.zeros(ANGLES, bool), np.zeros(ANGLES, bool)
         # What is thinner than the smallest opening that counts as holding cannot succeed.

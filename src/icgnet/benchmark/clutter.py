@@ -1,0 +1,218 @@
+"""Clutter removal: the rounds of all runs on any number of processes, resumable, and their statistics.
+
+Paper: "Experiments", grasp success rate (GSR) and declutter rate (DR).
+"""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.planner import Planner
+from icgnet.benchmark.planners.registry import PlannerSource, load_planner
+from icgnet.benchmark.record import write_report
+from icgnet.benchmark.rounds import Attempt, Round, play_round
+from icgnet.datagen.files import new_file, write_json
+from icgnet.datagen.lock import locked
+from icgnet.datagen.pool import local_pool
+from icgnet.errors import DataError
+from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.network.weights import stored_checksum
+from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.predictor import DEFAULT_WEIGHTS
+
+CONFIG_FILE, ROUNDS_FILE, ATTEMPTS_FILE = "config.json", "rounds.jsonl", "attempts.jsonl"
+NORMAL_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A rate in percent, 0 to 100.
+
+    Attributes:
+        mean: over the runs.
+        std: population standard deviation over the runs, as published.
+        low: lower end of the 95 % interval of the pooled rate (Wilson).
+        high: upper end.
+    """
+
+    mean: float
+    std: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ClutterNumbers:
+    """The result of a benchmark.
+
+    Attributes:
+        gsr: successes by attempts.
+        dr: objects grasped away by objects placed; what was pushed out of the workspace counts as not removed.
+        attempts: grasps that were executed.
+        rounds: scenes that were played.
+        objects: that were placed.
+        failures: number of failed attempts by cause, and pictures in which "nothing found".
+        lost: objects that were pushed out of the workspace.
+        plan_seconds: median time of the planner for one picture [s].
+    """
+
+    gsr: Rate
+    dr: Rate
+    attempts: int
+    rounds: int
+    objects: int
+    failures: dict[str, int]
+    lost: int
+    plan_seconds: float
+
+
+@dataclass(frozen=True)
+class ClutterJob:
+    """Everything that a worker must know to play any round; the planner is made in the worker."""
+
+    config: ClutterConfig
+    object_set: ObjectSet
+    gripper: Gripper
+
+    def make(self, number: int) -> Round:
+        """The round of this number; those of all runs are counted through."""
+        run, index = divmod(number, self.config.rounds)
+        return play_round(self.config, run, index, _planner(self.config.planner), self.object_set, self.gripper)
+
+    def name(self, number: int) -> str:
+        """How messages call a round."""
+        run, index = divmod(number, self.config.rounds)
+        return f"round {index} of run {run} (seed {self.config.seed})"
+
+
+# A process keeps its planner, so that weights are read once and not for every round.
+_planners: dict[PlannerSource, Planner] = {}
+
+
+def _planner(source: PlannerSource) -> Planner:
+    if source not in _planners:
+        _planners[source] = load_planner(source)
+    return _planners[source]
+
+
+def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
+    """The statistics of rounds; at least one."""
+    runs = sorted({each.run for each in rounds})
+    attempts = [attempt for each in rounds for attempt in each.attempts]
+    failures = Counter(attempt.cause for attempt in attempts if not attempt.success)
+    failures["nothing found"] = sum(each.skips for each in rounds)
+    by_run = [[each for each in rounds if each.run == run] for run in runs]
+    tries = [sum(len(each.attempts) for each in own) for own in by_run]
+    placed = [sum(each.placed for each in own) for own in by_run]
+    successes = [sum(each.successes for each in own) for own in by_run]
+    return ClutterNumbers(
+        gsr=_rate(successes, tries),
+        dr=_rate(successes, placed),
+        attempts=sum(tries),
+        rounds=len(rounds),
+        objects=sum(placed),
+        failures=dict(failures),
+        lost=sum(each.lost for each in rounds),
+        plan_seconds=float(np.median([attempt.plan_seconds for attempt in attempts])) if attempts else float("nan"),
+    )
+
+
+def _rate(successes: Sequence[int], totals: Sequence[int]) -> Rate:
+    """Mean and spread over runs, and Wilson's interval of all runs together; nan where nothing was tried."""
+    rates = [100.0 * s / t for s, t in zip(successes, totals, strict=True) if t]
+    if not rates:
+        return Rate(*[float("nan")] * 4)
+    n, p = sum(totals), sum(successes) / sum(totals)
+    middle = (p + NORMAL_95**2 / (2 * n)) / (1 + NORMAL_95**2 / n)
+    half = NORMAL_95 / (1 + NORMAL_95**2 / n) * np.sqrt(p * (1 - p) / n + (NORMAL_95 / (2 * n)) ** 2)
+    return Rate(float(np.mean(rates)), float(np.std(rates)), 100.0 * float(middle - half), 100.0 * float(middle + half))
+
+
+def run_clutter(
+    config: ClutterConfig,
+    out: Path,
+    workers: int = 1,
+    on_round: Callable[[Sequence[Round]], None] = lambda rounds: None,
+) -> ClutterNumbers:
+    """Plays all rounds that a folder lacks, and writes what came of them.
+
+    Writes config.json, rounds.jsonl (a line for each finished round, so that a killed benchmark goes on where it was),
+    attempts.jsonl and report.json.
+
+    Args:
+        config: of the benchmark.
+        out: folder, made if it is missing.
+        workers: processes; the result does not depend on their number, but for the times.
+        on_round: called with all finished rounds, at the start and after each one.
+
+    Raises:
+        InputError: unknown planner or objects.
+        DataError: a folder with another benchmark, or one that another process is writing into.
+    """
+    job = ClutterJob(config, load_object_set(config.objects), load_gripper())
+    load_planner(config.planner)  # what is wrong with it shows here, and not in a worker
+    out.mkdir(parents=True, exist_ok=True)
+    with locked(out):
+        _check_config(out / CONFIG_FILE, config)
+        rounds = _read_rounds(out / ROUNDS_FILE)
+        on_round(rounds)
+        done = {each.run * config.rounds + each.round for each in rounds}
+        missing = [number for number in range(config.runs * config.rounds) if number not in done]
+        with (out / ROUNDS_FILE).open("a") as file, closing(local_pool(job, workers)) as pool:
+            for finished in pool.make(missing):
+                file.write(json.dumps(asdict(finished)) + "\n")
+                file.flush()
+                rounds.append(finished)
+                on_round(rounds)
+        rounds.sort(key=lambda each: (each.run, each.round))
+        numbers = summarise(rounds)
+        _write_attempts(out / ATTEMPTS_FILE, rounds)
+        write_report(out, {**asdict(numbers), "protocol": config.protocol, "settings": settings(config)})
+    return numbers
+
+
+def settings(config: ClutterConfig) -> dict[str, object]:
+    """What the numbers depend on, as plain values; the weights by their checksum."""
+    planner = config.planner
+    checksum = stored_checksum(planner.weights or DEFAULT_WEIGHTS) if planner.name == "icgnet" else None
+    # How many threads a planner computes with, and where its weights lie, decides nothing.
+    return {**asdict(config), "planner": planner.name, "weights": checksum, "full_opening": config.full_opening}
+
+
+def _check_config(path: Path, config: ClutterConfig) -> None:
+    """Writes the configuration, or makes sure that the one that is there is the same.
+
+    Raises:
+        DataError: another benchmark is in the folder.
+    """
+    now = settings(config)
+    if path.is_file():
+        there = json.loads(path.read_text())
+        changes = [f"{key} is {there.get(key)!r} there, {now[key]!r} now" for key in now if there.get(key) != now[key]]
+        if changes:
+            raise DataError(f"{path.parent}: holds another benchmark: {'; '.join(changes)}")
+    write_json(path, now)
+
+
+def _read_rounds(path: Path) -> list[Round]:
+    """The finished rounds of a file; a last line that was cut off by a kill is cut away."""
+    if not path.is_file():
+        return []
+    text = path.read_text()
+    complete = text[: text.rfind("\n") + 1]
+    if complete != text:
+        path.write_text(complete)
+    rows = [json.loads(line) for line in complete.splitlines()]
+    return [Round(**{**row, "attempts": [Attempt(**attempt) for attempt in row["attempts"]]}) for row in rows]
+
+
+def _write_attempts(path: Path, rounds: Sequence[Round]) -> None:
+    lines = [json.dumps(asdict(attempt)) + "\n" for each in rounds for attempt in each.attempts]
+    with new_file(path) as file:
+        file.write("".join(lines).encode())

@@ -1,0 +1,150 @@
+"""What a planner gets to see in the benchmark: one camera, a noisy depth image, and the fused cloud of the objects."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.errors import InputError
+from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
+from icgnet.geometry.clouds import PointCloud, radius_outlier_mask
+from icgnet.geometry.tsdf import fuse
+from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
+from icgnet.grasping.gripper import Gripper
+from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.camera import SceneRenderer
+from icgnet.simulation.scene import Scene, scene_triangles
+from icgnet.training.noise import NOISES, SensorNoise, corrupt_depth, corrupt_points, exactly
+
+ViewName = Literal["random", "side", "top"]
+NoiseName = Literal["none", "gaussian", "dex"]
+
+
+@dataclass(frozen=True)
+class CameraRange:
+    """Where the camera may stand: on a part of a sphere around a point above the table's centre.
+
+    Attributes:
+        target: height that the camera looks at [m].
+        radius: least and largest distance from there [m].
+        polar_deg: least and largest angle from the vertical [degrees].
+        azimuth_deg: least and largest angle about the vertical [degrees].
+    """
+
+    target: float
+    radius: tuple[float, float]
+    polar_deg: tuple[float, float]
+    azimuth_deg: tuple[float, float]
+
+
+VIEWS: dict[ViewName, CameraRange] = {
+    "random": CameraRange(0.25, (0.60, 0.75), (45.0, 60.0), (0.0, 180.0)),
+    "side": CameraRange(0.10, (0.60, 0.60), (60.0, 60.0), (-90.0, -90.0)),
+    "top": CameraRange(0.25, (0.60, 0.75), (0.0, 2.0), (0.0, 180.0)),
+}
+"""The benchmark's random view; the fixed side view of the table with depth noise; "Challenging Viewpoints"."""
+
+SENSORS: dict[NoiseName, SensorNoise] = {
+    "none": NOISES["clean"],
+    "gaussian": SensorNoise(gaussian=exactly(0.0008)),
+    "dex": NOISES["dex"],
+}
+"""No noise; 0.8 mm on the points of the cloud, as published; noise on the depth image."""
+
+RESOLUTION = 180  # voxels along the workspace's edge of the published fusion
+LOWER, UPPER = np.array([0.02, 0.02, 0.055]), np.array([0.28, 0.28, 0.30])
+OUTLIER_RADIUS, OUTLIER_NEIGHBOURS = 0.02, 20
+FEWEST_POINTS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What really stands on the table; only planners that ask for it get it, as a ceiling for the others."""
+
+    scene: Scene
+    object_set: ObjectSet
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Everything that a planner may use.
+
+    Attributes:
+        cloud: points on the objects in the world, without the table, with the camera's position [m]; may be empty.
+        depth: [h w] the noisy depth image [m], 0 where nothing was measured.
+        intrinsics: camera matrix [pixels].
+        T_world_camera: pose of the camera (x right, y down, z forward).
+        table_height: of the table plane in the world [m].
+        gripper: the hand.
+        full_opening: whether the hand will approach fully opened, whatever opening the planner gives.
+        rng: source of everything that the planner draws.
+        truth: for planners that need it, else None.
+    """
+
+    cloud: PointCloud
+    depth: Float[np.ndarray, "h w"]
+    intrinsics: Float[np.ndarray, "3 3"]
+    T_world_camera: Float[np.ndarray, "4 4"]
+    table_height: float
+    gripper: Gripper
+    full_opening: bool
+    rng: np.random.Generator
+    truth: Truth | None = None
+
+    def openings(self, widths: Float[np.ndarray, "g"]) -> Float[np.ndarray, "g"]:
+        """Openings [m] with which the hand would approach objects of these widths [m]."""
+        return np.full(len(widths), self.gripper.max_opening) if self.full_opening else self.gripper.opening(widths)
+
+
+def draw_camera(view: ViewName, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+    """T_world_camera of a camera drawn for a view; draws radius, polar angle and azimuth, in this order."""
+    chosen = VIEWS[view]
+    radius = rng.uniform(*chosen.radius)
+    polar, azimuth = np.deg2rad(rng.uniform(*chosen.polar_deg)), np.deg2rad(rng.uniform(*chosen.azimuth_deg))
+    return sphere_pose(np.array([CENTRE[0], CENTRE[1], chosen.target]), radius, polar, azimuth)
+
+
+def observe(
+    scene: Scene,
+    object_set: ObjectSet,
+    view: ViewName,
+    noise: NoiseName,
+    gripper: Gripper,
+    full_opening: bool,
+    rng: np.random.Generator,
+) -> Observation:
+    """A picture of a scene by a camera that is drawn, and the cloud that the published benchmark makes of it.
+
+    The depth image is fused into a distance grid of 180^3 over the workspace, the points on its zero crossing are cut
+    off 5 mm above the table and 2 cm inside the workspace, and lonely points are removed.
+
+    Args:
+        scene: what stands on the table.
+        object_set: of the scene.
+        view: where the camera may stand.
+        noise: what the sensor does.
+        gripper: the hand, for the planner.
+        full_opening: see `Observation`.
+        rng: source of every draw, handed on to the planner.
+
+    Raises:
+        InputError: unknown view or noise.
+    """
+    if view not in VIEWS:
+        raise InputError(f"view must be one of {', '.join(get_args(ViewName))}, got {view!r}")
+    if noise not in SENSORS:
+        raise InputError(f"noise must be one of {', '.join(get_args(NoiseName))}, got {noise!r}")
+    pose = draw_camera(view, rng)
+    image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
+    image = corrupt_depth(image, DEFAULT_INTRINSICS, SENSORS[noise], rng)
+    depth = np.asarray(image.depth, np.float64)
+    points = fuse([depth], [DEFAULT_INTRINSICS], [pose], RESOLUTION, least_height=LOWER[2] - 0.01).surface_points()
+    points = points[((points >= LOWER) & (points <= UPPER)).all(axis=1)]
+    points, _ = corrupt_points(points, SENSORS[noise], rng)
+    if len(points):
+        points = points[radius_outlier_mask(points, OUTLIER_RADIUS, OUTLIER_NEIGHBOURS)]
+    if len(points) < FEWEST_POINTS:
+        points = np.zeros((0, 3))
+    cloud = PointCloud(points, pose[:3, 3], "world")
+    return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng)

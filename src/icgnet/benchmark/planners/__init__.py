@@ -1,0 +1,1 @@
+"""The planners that the benchmark comes with, and how others are found."""

@@ -1,0 +1,153 @@
+"""A planner that knows everything: the ceiling of what protocol, grasp frame and selection allow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from icgnet.benchmark.observation import Observation, Truth
+from icgnet.benchmark.planner import Plan
+from icgnet.errors import InputError
+from icgnet.geometry.transforms import transform_points
+from icgnet.grasping.collision import draw_back
+from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
+from icgnet.grasping.gripper import Gripper
+from icgnet.simulation.approach import ApproachChecker
+from icgnet.simulation.contacts import sample_contacts
+from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.trials import Jitter
+
+CONTACTS = 200  # that are tried on every object
+THINNEST, SPARE = 0.008, 0.002  # no object is thinner; so much of the opening is left beside it [m]
+SURFACE_SAMPLES = 2000  # of an object, to look up the normal where a ray leaves it
+FAR_MIDDLE = 0.1  # a closing line this far from the centre of mass is as bad as no robustness [m]
+DOWNWARDS = 0.25  # how much an approach from above is worth against a level one
+CANDIDATES = 96  # free grasps whose robustness is tested
+JITTER, DRAWS = Jitter(contact=0.0025, normal=float(np.deg2rad(5.0))), 8
+CHECKED_AT_ONCE, HANDS = 480, 24  # candidates looked at before the next decision, and in one pass of the engine
+ANGLES = len(APPROACH_ANGLES)
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Lines through objects along which the hand could close, its surroundings aside.
+
+    Attributes:
+        starts: contacts [m].
+        normals: outward unit normals there.
+        widths: of the object along the line [m].
+        preference: the more, the better: squarely met at the other end, and near the middle of the object.
+    """
+
+    starts: Float[np.ndarray, "k 3"]
+    normals: Float[np.ndarray, "k 3"]
+    widths: Float[np.ndarray, "k"]
+    preference: Float[np.ndarray, "k"]
+
+
+class OraclePlanner:
+    """Contacts on the true shapes, at the network's approach angles, that leave the hand free even when it is off."""
+
+    needs_truth = True
+
+    def plan(self, observation: Observation) -> Plan:
+        """Grasps, the most robust ones first.
+
+        Raises:
+            InputError: the observation holds no truth.
+        """
+        if observation.truth is None:
+            raise InputError("the planner oracle needs the true scene in the observation")
+        bodies = _bodies(observation.truth)
+        if not bodies:
+            return Plan.nothing()
+        lines = _lines(bodies, observation.gripper, observation.rng)
+        openings = np.repeat(observation.openings(lines.widths), ANGLES)
+        poses = grasp_poses(lines.starts, lines.normals, lines.widths, observation.gripper.finger_reach)
+        poses = _clear_of_table(poses.reshape(-1, 4, 4), openings, observation)
+        checker = ApproachChecker(bodies, observation.gripper, Physics(), HANDS)
+        preference = np.repeat(lines.preference, ANGLES) - DOWNWARDS * poses[:, 2, 2]
+        best = _first_free(np.argsort(-preference, kind="stable"), poses, openings, checker)
+        scores = _robustness(lines, best, checker, observation) + preference[best]
+        order = np.argsort(-scores, kind="stable")
+        return Plan(poses[best[order]], openings[best[order]], scores[order])
+
+
+def _bodies(truth: Truth) -> list[Body]:
+    model = truth.object_set.model
+    return [Body(model(placed.name), placed.scale, placed.T_world_object) for placed in truth.scene.objects]
+
+
+def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator) -> _Lines:
+    """Lines from sampled contacts that fit into the hand and leave the object inside the friction cone."""
+    meshes = [_touchable(body) for body in bodies]
+    contacts = sample_contacts(meshes, CONTACTS * len(meshes), rng)
+    fits = (contacts.widths > THINNEST) & (contacts.widths < gripper.max_opening - SPARE)
+    contact, number = np.nonzero(fits)
+    starts, normals, widths = contacts.positions[contact], contacts.normals[contact], contacts.widths[contact, number]
+    squareness, distance = np.zeros(len(contact)), np.zeros(len(contact))
+    for index, (body, mesh) in enumerate(zip(bodies, meshes, strict=True)):
+        own = np.flatnonzero(contacts.objects[contact] == index)
+        ends = starts[own] - widths[own, None] * normals[own]
+        squareness[own] = -(_normals_at(mesh, ends, rng) * normals[own]).sum(axis=1)
+        distance[own] = np.linalg.norm(np.cross(_centre_of_mass(body) - starts[own], normals[own]), axis=1)
+    firm = squareness > np.cos(np.arctan(gripper.friction))
+    return _Lines(starts[firm], normals[firm], widths[firm], (squareness - distance / FAR_MIDDLE)[firm])
+
+
+def _first_free(
+    order: Int[np.ndarray, "g"],
+    poses: Float[np.ndarray, "g 4 4"],
+    openings: Float[np.ndarray, "g"],
+    checker: ApproachChecker,
+) -> Int[np.ndarray, "k"]:
+    """The first grasps of this order that touch nothing."""
+    found = np.zeros(0, dtype=np.int64)
+    for start in range(0, len(order), CHECKED_AT_ONCE):
+        part = order[start : start + CHECKED_AT_ONCE]
+        found = np.concatenate([found, part[~checker.collides(poses[part], openings[part])]])
+        if len(found) >= CANDIDATES:
+            break
+    return found[:CANDIDATES]
+
+
+def _robustness(
+    lines: _Lines, grasps: Int[np.ndarray, "g"], checker: ApproachChecker, observation: Observation
+) -> Float[np.ndarray, "g"]:
+    """Share of slightly misplaced copies that touch nothing, of grasps numbered line by line and angle by angle."""
+    line, angle = (np.repeat(each, DRAWS) for each in np.divmod(grasps, ANGLES))
+    starts, normals = JITTER.apply(lines.starts[line], lines.normals[line], observation.rng)
+    openings = observation.openings(lines.widths[line])
+    poses = grasp_poses(starts, normals, lines.widths[line], observation.gripper.finger_reach)
+    poses = _clear_of_table(poses[np.arange(len(angle)), angle], openings, observation)
+    return 1.0 - checker.collides(poses, openings).reshape(-1, DRAWS).mean(axis=1)
+
+
+def _clear_of_table(
+    poses: Float[np.ndarray, "g 4 4"], openings: Float[np.ndarray, "g"], observation: Observation
+) -> Float[np.ndarray, "g 4 4"]:
+    return draw_back(poses, openings, observation.gripper, observation.table_height)
+
+
+def _touchable(body: Body) -> trimesh.Trimesh:
+    """What the physics touches of a body, in the world [m]; the visual mesh may be hollow where this is not."""
+    corners = np.concatenate([part.triangles for part in body.model.parts]).reshape(-1, 3)
+    corners = transform_points(body.T_world_object, corners * body.scale)
+    return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+
+
+def _centre_of_mass(body: Body) -> Float[np.ndarray, "3"]:
+    volumes = np.array([abs(part.volume) for part in body.model.parts])
+    centre = volumes @ np.array([part.center_mass for part in body.model.parts]) / volumes.sum()
+    return transform_points(body.T_world_object, centre[None] * body.scale)[0]
+
+
+def _normals_at(
+    mesh: trimesh.Trimesh, points: Float[np.ndarray, "n 3"], rng: np.random.Generator
+) -> Float[np.ndarray, "n 3"]:
+    """Normals of the surface near points on it."""
+    samples, faces, *_ = trimesh.sample.sample_surface(mesh, SURFACE_SAMPLES, seed=int(rng.integers(2**31)))
+    _, nearest = KDTree(samples).query(points)
+    return np.asarray(mesh.face_normals)[faces[nearest]]

@@ -1,0 +1,164 @@
+"""One round of clutter removal: grasp everything away, with a new picture after each attempt.
+
+Paper: "Experiments". The rules are those of the published benchmark code; docs/benchmark.md says where ours differ.
+"""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.observation import Observation, Truth, observe
+from icgnet.benchmark.planner import Planner
+from icgnet.grasping.gripper import Gripper
+from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.scene import Scene
+from icgnet.simulation.scenes import spawn_scene
+from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
+
+OBJECTS = 5  # tried for in every scene
+FAILURES_IN_A_ROW, SKIPS = 2, 3  # so many end a round
+SCENE, CAMERA, PLANNER = 0, 1, 2  # purposes of random streams
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One grasp that was executed; lengths in [m], poses row by row.
+
+    Attributes:
+        run: number of the run.
+        round: number of the round in the run.
+        attempt: number of the picture in the round; pictures in which nothing was found are counted, too.
+        scene: names of the objects on the table.
+        camera: T_world_camera.
+        pose: T_world_grasp.
+        opening: of the hand while it approached.
+        score: the planner's.
+        success: by the protocol.
+        cause: how it ended.
+        target: name of the object that the grasp was for.
+        target_class: its class.
+        held: names of what the hand touched at the end.
+        touched: names of what it touched before closing.
+        lost: names of what left the workspace because of it.
+        plan_seconds: time that the planner took.
+    """
+
+    run: int
+    round: int
+    attempt: int
+    scene: list[str]
+    camera: list[list[float]]
+    pose: list[list[float]]
+    opening: float
+    score: float
+    success: bool
+    cause: str
+    target: str
+    target_class: str
+    held: list[str]
+    touched: list[str]
+    lost: list[str]
+    plan_seconds: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """What happened to one scene.
+
+    Attributes:
+        run: number of the run.
+        round: number of the round in the run.
+        placed: objects at the start.
+        skips: pictures in which the planner found nothing.
+        left: objects on the table at the end.
+        lost: objects that were pushed out of the workspace.
+        attempts: the grasps, in their order.
+    """
+
+    run: int
+    round: int
+    placed: int
+    skips: int
+    left: int
+    lost: int
+    attempts: list[Attempt]
+
+    @property
+    def successes(self) -> int:
+        """Attempts that succeeded."""
+        return sum(attempt.success for attempt in self.attempts)
+
+
+def random_stream(config: ClutterConfig, run: int, index: int, *purpose: int) -> np.random.Generator:
+    """The random stream of a purpose in a round; scenes, cameras and planners do not share any."""
+    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(run, index, *purpose)))
+
+
+def round_scene(config: ClutterConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
+    """The scene that a round begins with, whatever planner is tested."""
+    rng = random_stream(config, run, index, SCENE)
+    return spawn_scene(config.scene, object_set, config.split, rng, OBJECTS)
+
+
+def play_round(
+    config: ClutterConfig, run: int, index: int, planner: Planner, object_set: ObjectSet, gripper: Gripper
+) -> Round:
+    """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures."""
+    scene = round_scene(config, run, index, object_set)
+    cell = Workcell(scene, object_set, gripper)
+    attempts: list[Attempt] = []
+    failures = skips = lost = 0
+    while len(cell.remaining) and failures < FAILURES_IN_A_ROW and skips < SKIPS:
+        number = len(attempts) + skips
+        observation = _look(config, run, index, number, cell.scene(), object_set, gripper, planner.needs_truth)
+        start = time.perf_counter()
+        plan = planner.plan(observation)
+        seconds = time.perf_counter() - start
+        if len(plan) == 0:
+            skips += 1
+            continue
+        on_table = [scene.objects[i].name for i in cell.remaining]
+        opening = float(observation.openings(plan.openings[:1])[0]) if config.full_opening else float(plan.openings[0])
+        execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
+        failures = 0 if execution.success else failures + 1
+        lost += len(execution.lost)
+        names = {i: placed.name for i, placed in enumerate(scene.objects)} | {TABLE: "table"}
+        attempts.append(
+            Attempt(
+                run=run,
+                round=index,
+                attempt=number,
+                scene=on_table,
+                camera=observation.T_world_camera.tolist(),
+                pose=plan.poses[0].tolist(),
+                opening=opening,
+                score=float(plan.scores[0]),
+                success=execution.success,
+                cause=execution.cause.value,
+                target=names[execution.target],
+                target_class=object_set.class_name(names[execution.target]),
+                held=[names[i] for i in execution.held],
+                touched=[names[i] for i in execution.touched],
+                lost=[names[i] for i in execution.lost],
+                plan_seconds=seconds,
+            )
+        )
+    return Round(run, index, len(scene.objects), skips, len(cell.remaining), lost, attempts)
+
+
+def _look(
+    config: ClutterConfig,
+    run: int,
+    index: int,
+    number: int,
+    scene: Scene,
+    object_set: ObjectSet,
+    gripper: Gripper,
+    with_truth: bool,
+) -> Observation:
+    """The picture of this number in a round."""
+    camera, draws = (random_stream(config, run, index, purpose, number) for purpose in (CAMERA, PLANNER))
+    observation = observe(scene, object_set, config.view, config.noise, gripper, config.full_opening, camera)
+    return replace(observation, rng=draws, truth=Truth(scene, object_set) if with_truth else None)

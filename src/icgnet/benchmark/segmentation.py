@@ -1,0 +1,251 @@
+"""How well the network tells objects apart and names them: mIoU, AP50, panoptic quality, classes.
+
+Everything is counted on the points of the clouds. A point truly belongs to the nearest object; points that are near
+none (noise) are left out, and so are objects that hardly any point was measured on.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+
+from icgnet.benchmark.pictures import Picture
+from icgnet.benchmark.statistics import Spread, mean_or_none, spread
+from icgnet.benchmark.true_shapes import NO_OBJECT
+from icgnet.objects.classes import CLASSES
+from icgnet.prediction import NO_INSTANCE, Prediction
+from icgnet.predictor import Predictor
+from icgnet.training.metrics import Tally, average_precision, count_masks
+
+FEWEST_POINTS = 30
+"""Objects with fewer points in the cloud are not asked for: about 1 cm² of surface."""
+SAME = 0.5
+"""A predicted and a true object are the same when their points overlap by more than this (IoU)."""
+
+
+@dataclass(frozen=True)
+class Labelling:
+    """An answer about the points of a cloud, or the truth.
+
+    Attributes:
+        labels: index of the object of every point, -1 for none.
+        classes: class of each object.
+        scores: how sure each object is; 1 for the truth.
+    """
+
+    labels: Int[np.ndarray, "n"]
+    classes: tuple[str, ...]
+    scores: Float[np.ndarray, "i"]
+
+
+@dataclass(frozen=True)
+class Match:
+    """A true object and the predicted one that is the same."""
+
+    true_class: str
+    predicted_class: str
+    iou: float
+
+
+@dataclass(frozen=True)
+class SceneMasks:
+    """The instances of one scene.
+
+    Attributes:
+        index: number of the scene.
+        best_ious: the largest overlap of each true object with any predicted one.
+        detections: score and overlap of each predicted object, 0 if its object is taken.
+        matches: the pairs of objects that are the same.
+        missed: classes of the other true objects.
+        invented: classes of the other predicted objects.
+    """
+
+    index: int
+    best_ious: tuple[float, ...]
+    detections: tuple[tuple[float, float], ...]
+    matches: tuple[Match, ...]
+    missed: tuple[str, ...]
+    invented: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SegmentationNumbers:
+    """The instances of many scenes, counted together [percent]; spreads are over the scenes.
+
+    Attributes:
+        instance_miou: mean best overlap of the true objects.
+        ap50: average precision of the predicted objects at an overlap of 0.5, whatever their class.
+        pq: panoptic quality whatever the classes: `sq` times `rq`.
+        sq: mean overlap of the matches.
+        rq: F1 of finding objects.
+        class_pq: panoptic quality where a match must have the right class, mean over the classes.
+        class_accuracy: share of the matches with the right class.
+        confusion: number of objects by true class, then by predicted one; "missed" and "invented" have no partner.
+        scenes: with at least one object to find.
+        objects: to find.
+        predicted: objects.
+    """
+
+    instance_miou: Spread | None
+    ap50: Spread | None
+    pq: Spread | None
+    sq: Spread | None
+    rq: Spread | None
+    class_pq: Spread | None
+    class_accuracy: Spread | None
+    confusion: dict[str, dict[str, int]]
+    scenes: int
+    objects: int
+    predicted: int
+
+
+def label_overlaps(
+    labels: Int[np.ndarray, "n"], predicted: int, owners: Int[np.ndarray, "n"], objects: int
+) -> Float[np.ndarray, "p i"]:
+    """IoU of the points of all pairs of predicted and true objects; points with a negative owner do not count."""
+    known = owners >= 0
+    both = np.zeros((predicted + 1, objects))
+    np.add.at(both, (labels[known], owners[known]), 1)  # the last row takes the label -1
+    sizes = both.sum(axis=0)
+    both = both[:predicted]
+    return both / np.maximum(both.sum(axis=1, keepdims=True) + sizes - both, 1)
+
+
+def visible_objects(owners: Int[np.ndarray, "n"], objects: int) -> Bool[np.ndarray, "i"]:
+    """Which true objects have enough points to be asked for."""
+    return np.bincount(owners[owners >= 0], minlength=objects) >= FEWEST_POINTS
+
+
+def score_masks(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[SceneMasks]:
+    """The instances of one picture after the other; scenes without any visible object are left out."""
+    for picture in pictures:
+        prediction = picture.predict(predictor)
+        if prediction is None:
+            continue
+        owners = picture.truth.owners(prediction.cloud.points)
+        truth = Labelling(owners, picture.truth.classes, np.ones(len(picture.truth)))
+        if visible_objects(owners, len(picture.truth)).any():
+            yield compare_masks(picture.index, labelling(prediction), truth)
+
+
+def labelling(prediction: Prediction) -> Labelling:
+    """The objects that the network found; the probability of its class is the only score that an object has."""
+    return Labelling(
+        prediction.cloud_instances,
+        tuple(item.class_name for item in prediction.objects),
+        np.array([item.class_score for item in prediction.objects]),
+    )
+
+
+def compare_masks(index: int, predicted: Labelling, truth: Labelling) -> SceneMasks:
+    """Compares the objects of one scene.
+
+    Predicted objects that lie on points without a true object, or on those of objects that are not asked for, by more
+    than a half are neither right nor wrong.
+
+    Args:
+        index: number of the scene.
+        predicted: by the network.
+        truth: `NO_OBJECT` where no object is near.
+    """
+    asked = np.flatnonzero(visible_objects(truth.labels, len(truth.classes)))
+    owners = np.where(np.isin(truth.labels, asked), truth.labels, NO_OBJECT)
+    found = np.flatnonzero(_mostly_known(predicted, owners))
+    overlaps = label_overlaps(predicted.labels, len(predicted.classes), owners, len(truth.classes))[found][:, asked]
+    # More than half of both: no other pair can have one of the two.
+    pairs = np.argwhere(overlaps > SAME)
+    matches = tuple(
+        Match(truth.classes[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in pairs
+    )
+    tally = Tally()
+    masks = torch.from_numpy((predicted.labels == found[:, None]) & (owners >= 0))
+    count_masks(tally, (masks, torch.from_numpy(predicted.scores[found])), torch.from_numpy(owners == asked[:, None]))
+    return SceneMasks(
+        index,
+        tuple(tally.mask_ious),
+        tuple(tally.detections),
+        matches,
+        missed=tuple(truth.classes[k] for k in np.delete(asked, pairs[:, 1])),
+        invented=tuple(predicted.classes[k] for k in np.delete(found, pairs[:, 0])),
+    )
+
+
+def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np.ndarray, "p"]:
+    """Which predicted objects have at least half of their points on objects that are asked for."""
+    count = len(predicted.classes)
+    every = np.bincount(predicted.labels[predicted.labels != NO_INSTANCE], minlength=count)
+    known = np.bincount(predicted.labels[(predicted.labels != NO_INSTANCE) & (owners >= 0)], minlength=count)
+    return (every > 0) & (2 * known >= every)
+
+
+def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
+    """The numbers of at least one scene."""
+
+    def percent(number: Callable[[Sequence[SceneMasks]], float | None]) -> Spread | None:
+        return spread(scenes, lambda some: None if (value := number(some)) is None else 100.0 * value)
+
+    return SegmentationNumbers(
+        instance_miou=percent(lambda some: mean_or_none([iou for each in some for iou in each.best_ious])),
+        ap50=percent(_average_precision),
+        pq=percent(lambda some: panoptic_quality(some)[0]),
+        sq=percent(lambda some: panoptic_quality(some)[1] or None),  # not defined without any match
+        rq=percent(lambda some: panoptic_quality(some)[2]),
+        class_pq=percent(class_panoptic_quality),
+        class_accuracy=percent(_class_accuracy),
+        confusion=confusion(scenes),
+        scenes=len(scenes),
+        objects=sum(len(each.best_ious) for each in scenes),
+        predicted=sum(len(each.detections) for each in scenes),
+    )
+
+
+def _average_precision(scenes: Sequence[SceneMasks]) -> float:
+    detections = [detection for each in scenes for detection in each.detections]
+    return average_precision(detections, sum(len(each.best_ious) for each in scenes))
+
+
+def panoptic_quality(scenes: Sequence[SceneMasks]) -> tuple[float, float, float]:
+    """Panoptic, segmentation and recognition quality, whatever the classes, each from 0 to 1."""
+    ious = [match.iou for each in scenes for match in each.matches]
+    return _qualities(ious, sum(len(each.missed) + len(each.invented) for each in scenes))
+
+
+def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
+    """Panoptic quality where a match needs the right class, mean over the classes that are true or predicted."""
+    matches = [match for each in scenes for match in each.matches]
+    wrong = [name for each in scenes for name in (*each.missed, *each.invented)]
+    qualities = []
+    for name in CLASSES:
+        ious = [match.iou for match in matches if match.true_class == match.predicted_class == name]
+        failures = wrong.count(name) + sum(
+            (match.true_class == name) != (match.predicted_class == name) for match in matches
+        )
+        if ious or failures:
+            qualities.append(_qualities(ious, failures)[0])
+    return mean_or_none(qualities)
+
+
+def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, float]:
+    """Panoptic quality and its factors, of matches with these overlaps and of objects without a partner."""
+    segmentation = float(np.mean(ious)) if ious else 0.0
+    recognition = len(ious) / max(len(ious) + 0.5 * failures, 0.5)
+    return segmentation * recognition, segmentation, recognition
+
+
+def _class_accuracy(scenes: Sequence[SceneMasks]) -> float | None:
+    return mean_or_none([float(m.true_class == m.predicted_class) for each in scenes for m in each.matches])
+
+
+def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
+    """Number of objects by true class and predicted class; of those without a partner, under missed and invented."""
+    table: dict[str, dict[str, int]] = {row: dict.fromkeys((*CLASSES, "missed"), 0) for row in (*CLASSES, "invented")}
+    for each in scenes:
+        for match in each.matches:
+            table[match.true_class][match.predicted_class] += 1
+        for name in each.missed:
+            table[name]["missed"] += 1
+        for name in each.invented:
+            table["invented"][name] += 1
+    return table

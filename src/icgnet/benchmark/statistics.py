@@ -1,0 +1,50 @@
+"""How sure a number is that was measured on a few scenes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+DRAWS = 1000
+SceneT = TypeVar("SceneT")
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A number measured on scenes.
+
+    Attributes:
+        mean: the number, of all scenes.
+        std: population standard deviation over the scenes.
+        low: lower end of the 95 % interval (percentile bootstrap over the scenes).
+        high: upper end.
+    """
+
+    mean: float
+    std: float
+    low: float
+    high: float
+
+
+def spread(scenes: Sequence[SceneT], number: Callable[[Sequence[SceneT]], float | None]) -> Spread | None:
+    """A number of some scenes, and how it would vary with other ones; None if they do not define it.
+
+    Args:
+        scenes: what was measured on each.
+        number: the number of any collection of scenes; None where it is not defined.
+    """
+    value = number(scenes)
+    if value is None:
+        return None
+    rng = np.random.default_rng(0)
+    draws = (number([scenes[i] for i in rng.integers(len(scenes), size=len(scenes))]) for _ in range(DRAWS))
+    low, high = np.quantile([draw for draw in draws if draw is not None], [0.025, 0.975])
+    singles = [single for scene in scenes if (single := number([scene])) is not None]
+    return Spread(float(value), float(np.std(singles)), float(low), float(high))
+
+
+def mean_or_none(values: Sequence[float | None]) -> float | None:
+    """The mean of the values that are there; None if there are none."""
+    there = [value for value in values if value is not None]
+    return float(np.mean(there)) if there else None

@@ -1,0 +1,59 @@
+"""The true shapes of a scene: what is inside of them, and which of them a measured point belongs to."""
+
+from functools import cached_property
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.scene import Scene, world_mesh
+
+NO_OBJECT = -1
+"""Owner of a point that is far from every object: noise."""
+NEAR = 0.01
+"""A measured point belongs to the nearest object within this distance [m]."""
+
+
+class TrueShapes:
+    """The objects of a scene, asked in the world frame [m].
+
+    Args:
+        scene: what stands there.
+        object_set: of the scene.
+    """
+
+    def __init__(self, scene: Scene, object_set: ObjectSet) -> None:
+        self.scene = scene
+        self._object_set = object_set
+
+    def __len__(self) -> int:
+        return len(self.scene.objects)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class of each object."""
+        return tuple(self._object_set.class_name(placed.name) for placed in self.scene.objects)
+
+    @cached_property
+    def meshes(self) -> tuple[trimesh.Trimesh, ...]:
+        """Visual mesh of each object, with whatever is drawn inside of it."""
+        return tuple(world_mesh(placed, self._object_set) for placed in self.scene.objects)
+
+    def distance(self, index: int, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Signed distance of points to one object [m], negative inside."""
+        placed = self.scene.objects[index]
+        local = (points - placed.T_world_object[:3, 3]) @ placed.T_world_object[:3, :3]
+        return placed.scale * self._object_set.signed_distance(placed.name).distance(local / placed.scale)
+
+    def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "i n"]:
+        """Signed distance of points to every object [m], negative inside."""
+        return np.array([self.distance(index, points) for index in range(len(self))]).reshape(len(self), len(points))
+
+    def owners(self, points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
+        """Index of the object nearest to each measured point, `NO_OBJECT` if none is near."""
+        if len(self) == 0:
+            return np.full(len(points), NO_OBJECT)
+        # A point just below one surface is not nearer to it than one just above another.
+        distances = np.abs(self.distances(points))
+        return np.where(distances.min(axis=0) < NEAR, distances.argmin(axis=0), NO_OBJECT)

@@ -1,0 +1,257 @@
+"""A table of objects and a hand that executes grasps one after the other, by the rules of a benchmark protocol."""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from icgnet.errors import InputError
+from icgnet.geometry.transforms import invert_transform, make_transform, transform_points
+from icgnet.grasping.gripper import Gripper
+from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.approach import APPROACH_LENGTH
+from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.scene import Scene
+from icgnet.simulation.settling import Settling
+from icgnet.simulation.trials import retreat_vector
+from icgnet.simulation.world import World
+
+TABLE = -2  # stands for the table in lists of touched objects
+AWAY = np.array([0.0, 0.0, 2.0])  # where the hand waits [m]
+
+
+class Cause(Enum):
+    """How an attempt ended."""
+
+    HELD = "held"
+    TOUCHED = "touched on approach"
+    TOO_WIDE = "too wide"
+    MISSED = "missed"
+    SLIPPED_CLOSING = "slipped on closing"
+    SLIPPED_LIFTING = "slipped on lifting"
+    WRONG_OBJECT = "wrong object"
+    TWO_OBJECTS = "two objects"
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """When an attempt counts as a success.
+
+    Attributes:
+        name: of the protocol.
+        free_approach: fail when the hand touches anything but the target before it closes.
+        named_object: the target alone must be held, by both fingers; otherwise touching anything will do.
+        min_opening: a hand that is closed further than this holds nothing [m].
+        keep_time: how long to hold after the lift [s].
+    """
+
+    name: str
+    free_approach: bool
+    named_object: bool
+    min_opening: float
+    keep_time: float
+
+
+PROTOCOLS = {
+    "edge": Protocol("edge", free_approach=False, named_object=False, min_opening=0.008, keep_time=0.0),
+    "strict": Protocol("strict", free_approach=True, named_object=True, min_opening=0.004, keep_time=1.0),
+}
+"""`edge`: the published rules, in which the hand may push its way through. `strict`: what a robot would want."""
+
+APPROACH_TIME, CLOSE_TIME, LIFT_TIME = 0.31, 0.5, 0.61  # of the published benchmark [s]
+LIFTED_SHARE = 0.8  # of the retreat's height that the target must rise in the strict protocol
+BLOCK = 5  # steps between two looks at the contacts while closing
+HELD_STEPS = 5  # both fingers must touch the target in one of so many steps
+LINE_REACH, LINE_SAMPLES = 0.08, 161  # how far and how finely the width of the target is measured [m]
+
+
+@dataclass(frozen=True)
+class Execution:
+    """What came of one grasp; objects are indices in the workcell, `TABLE` is the table.
+
+    Attributes:
+        success: by the protocol's rules.
+        cause: how it ended.
+        target: the object that the grasp was for: the nearest one to the middle between the pads.
+        held: what the hand touched at the end.
+        touched: what the hand touched before it closed.
+        removed: objects that were taken away, as grasped.
+        lost: objects that left the workspace because of the attempt.
+        opening: of the hand at the end [m].
+        T_world_target: pose of the target before the attempt [m].
+    """
+
+    success: bool
+    cause: Cause
+    target: int
+    held: tuple[int, ...]
+    touched: tuple[int, ...]
+    removed: tuple[int, ...]
+    lost: tuple[int, ...]
+    opening: float
+    T_world_target: Float[np.ndarray, "4 4"]
+
+
+class Workcell:
+    """The objects of a scene, and a hand that grasps them away one after the other."""
+
+    def __init__(self, scene: Scene, object_set: ObjectSet, gripper: Gripper, physics: Physics | None = None) -> None:
+        """Compiles the world; the objects are at rest, as the scene says."""
+        self._scene, self._gripper = scene, gripper
+        bodies = [Body(object_set.model(each.name), each.scale, each.T_world_object) for each in scene.objects]
+        self._world = World(bodies, physics or Physics(), gripper)
+        self._settling = Settling(self._world)
+        self._planes = [_planes(body) for body in bodies]
+
+    @property
+    def remaining(self) -> Int[np.ndarray, "r"]:
+        """Indices of the objects that are still on the table."""
+        return np.flatnonzero(self._world.present)
+
+    def scene(self) -> Scene:
+        """What is on the table now, in the order of `remaining`."""
+        poses = self._world.object_poses()
+        placed = [replace(self._scene.objects[i], T_world_object=poses[i]) for i in self.remaining]
+        return Scene(self._scene.kind, tuple(placed))
+
+    def execute(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, protocol: Protocol) -> Execution:
+        """Carries out one grasp: approach over 5 cm, close, retreat over 10 cm. What was grasped is taken away.
+
+        Args:
+            T_world_grasp: the grasp [m].
+            opening: of the hand while it approaches [m].
+            protocol: the rules.
+
+        Raises:
+            InputError: the table is empty, or the opening is not one of this hand.
+        """
+        if not 0.0 < opening <= self._gripper.max_opening:
+            raise InputError(f"opening must be in (0, {self._gripper.max_opening}] m, got {opening}")
+        if len(self.remaining) == 0:
+            raise InputError("there is nothing left to grasp in this workcell")
+        before = self.remaining
+        middle = T_world_grasp[:3, 3] - self._gripper.finger_reach * T_world_grasp[:3, 2]
+        target = self._nearest(middle)
+        pose, width = self._world.object_poses()[target], self._width(target, middle, T_world_grasp[:3, 1])
+        touched = self._approach(T_world_grasp, opening)
+        if protocol.free_approach and set(touched) - {target}:
+            cause, held = Cause.TOUCHED, ()
+        else:
+            cause, held = self._close_and_lift(T_world_grasp, target, protocol)
+        if cause is not Cause.HELD and width > opening:
+            cause = Cause.TOO_WIDE
+        final_opening = self._world.hand.opening()
+        removed = held[:1] if cause is Cause.HELD else ()
+        for index in removed:
+            self._world.park(index)
+        self._clear()
+        left = set(before.tolist()) - set(self.remaining.tolist()) - set(removed)
+        return Execution(
+            cause is Cause.HELD, cause, target, held, touched, removed, tuple(sorted(left)), final_opening, pose
+        )
+
+    def _approach(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float) -> tuple[int, ...]:
+        """Brings the open hand from 5 cm behind to the grasp; returns what it touched."""
+        world, hand = self._world, self._world.hand
+        way = APPROACH_LENGTH * T_world_grasp[:3, 2]
+        start = T_world_grasp[:3, 3] - way
+        hand.place(make_transform(T_world_grasp[:3, :3], start), opening)
+        hand.squeeze(0.0)
+        touched = dict.fromkeys(self._touched())
+        for position in self._line(start, way, APPROACH_TIME):
+            hand.move_to(position)
+            world.step()
+            touched |= dict.fromkeys(self._touched())
+        return tuple(touched)
+
+    def _close_and_lift(
+        self, T_world_grasp: Float[np.ndarray, "4 4"], target: int, protocol: Protocol
+    ) -> tuple[Cause, tuple[int, ...]]:
+        """Closes the hand where it is and retreats; returns how that ended, and the objects that are held then."""
+        world, hand = self._world, self._world.hand
+        heights, retreat = world.centres_of_mass()[:, 2], retreat_vector(T_world_grasp)
+        hand.squeeze(self._gripper.finger_force)
+        was_touched = False
+        for _ in range(self._steps(CLOSE_TIME) // BLOCK):
+            world.step(BLOCK)
+            was_touched |= target in world.objects_touched_by_hand()
+        was_held = self._holds(target)
+        for position in self._line(T_world_grasp[:3, 3], retreat, LIFT_TIME):
+            hand.move_to(position)
+            world.step()
+        world.step(self._steps(protocol.keep_time))
+        held = tuple(world.objects_touched_by_hand().tolist()) if hand.opening() > protocol.min_opening else ()
+        if protocol.named_object:
+            risen = world.centres_of_mass()[:, 2] - heights > LIFTED_SHARE * retreat[2]
+            held = tuple(index for index in held if risen[index])
+            if target in held and not self._holds(target):
+                held = ()
+        if held:
+            return _judge_held(held, target, protocol), held
+        if was_held:
+            return Cause.SLIPPED_LIFTING, ()
+        return Cause.SLIPPED_CLOSING if was_touched else Cause.MISSED, ()
+
+    def _holds(self, index: int) -> bool:
+        """Whether both fingers touch an object in one of the next steps; contacts may be missing for a moment."""
+        for _ in range(HELD_STEPS):
+            if self._world.is_held(index):
+                return True
+            self._world.step()
+        return False
+
+    def _touched(self) -> list[int]:
+        """What the hand touches now."""
+        objects = self._world.objects_touched_by_hand().tolist()
+        return [*objects, TABLE] if self._world.hand_touches_table() else objects
+
+    def _clear(self) -> None:
+        """Takes the hand away, waits for rest, and removes what has left the workspace."""
+        hand = self._world.hand
+        hand.place(make_transform(np.eye(3), AWAY), self._gripper.max_opening)
+        hand.squeeze(0.0)
+        self._settling.remove_outside()
+
+    def _line(
+        self, start: Float[np.ndarray, "3"], way: Float[np.ndarray, "3"], duration: float
+    ) -> Float[np.ndarray, "s 3"]:
+        """Positions [m] of a movement at constant speed, one for each step."""
+        steps = self._steps(duration)
+        return start + way * np.arange(1, steps + 1)[:, None] / steps
+
+    def _steps(self, duration: float) -> int:
+        return round(duration / self._world.physics.timestep)
+
+    def _nearest(self, point: Float[np.ndarray, "3"]) -> int:
+        """The object whose surface is nearest to a point [m], or that contains it."""
+        distances = [self._distances(index, point[None])[0] for index in self.remaining.tolist()]
+        return int(self.remaining[int(np.argmin(distances))])
+
+    def _width(self, index: int, point: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]) -> float:
+        """How much of a line [m] through a point, along a direction, lies between an object's outermost surfaces."""
+        offsets = np.linspace(-LINE_REACH, LINE_REACH, LINE_SAMPLES)
+        inside = offsets[self._distances(index, point + offsets[:, None] * direction) < 0.0]
+        return float(np.ptp(inside)) if len(inside) else 0.0
+
+    def _distances(self, index: int, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Signed distances [m] of world points from what the hand touches of an object; too small around its edges."""
+        local = transform_points(invert_transform(self._world.object_poses()[index]), points)
+        distances = np.full(len(points), np.inf)
+        for normals, offsets in self._planes[index]:
+            np.minimum(distances, (local @ normals.T - offsets).max(axis=1), out=distances)
+        return distances
+
+
+def _planes(body: Body) -> list[tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, "f"]]]:
+    """The sides of an object's convex parts, in its own frame: normals n and offsets d [m] with n x = d on them."""
+    return [
+        (part.face_normals, np.einsum("fk,fk->f", part.face_normals, part.triangles[:, 0]) * body.scale)
+        for part in body.model.parts
+    ]
+
+
+def _judge_held(held: tuple[int, ...], target: int, protocol: Protocol) -> Cause:
+    if not protocol.named_object or held == (target,):
+        return Cause.HELD
+    return Cause.TWO_OBJECTS if target in held else Cause.WRONG_OBJECT

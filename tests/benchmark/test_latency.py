@@ -1,0 +1,118 @@
+"""Timings that are taken from the right calls."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from icgnet.benchmark.latency import STAGES, LatencyNumbers, measure_latency, model_size, untrained_predictor
+from icgnet.benchmark.pictures import Picture, PictureConfig, take_picture
+from icgnet.benchmark.rounds import round_scene
+from icgnet.cli.main import USAGE_ERROR, main
+from icgnet.errors import InputError
+from icgnet.geometry.clouds import PointCloud
+from icgnet.grasp_search import GraspSearch
+from icgnet.grasping.gripper import load_gripper
+from icgnet.objects.object_set import load_object_set
+from icgnet.predictor import DEFAULT_WEIGHTS, Predictor
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    """The shipped network with a short search."""
+    return Predictor.load(search=GraspSearch(contacts=32, max_checked=48, resample=False))
+
+
+@pytest.fixture(scope="module")
+def picture() -> Picture:
+    return take_picture(PictureConfig(scenes=1), 0, load_object_set("procedural"), load_gripper())
+
+
+def without_cloud(picture: Picture) -> Picture:
+    nothing = PointCloud(np.zeros((0, 3)), np.zeros(3), "world")
+    return replace(picture, observation=replace(picture.observation, cloud=nothing))
+
+
+@pytest.fixture(scope="module")
+def calls() -> list[int]:
+    """One entry for each call of the predictor by `numbers`."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def numbers(predictor, picture, calls) -> LatencyNumbers:
+    return measure_latency(predictor, [picture, without_cloud(picture)], 3, on_call=lambda: calls.append(1))
+
+
+def test_the_first_call_of_each_picture_is_not_timed(numbers, calls):
+    assert numbers.calls == 3
+    assert len(calls) == 4
+
+
+def test_stages_and_their_percentiles_are_in_order_and_within_the_whole(numbers, picture):
+    assert tuple(numbers.stages_ms) == STAGES
+    assert numbers.p10_ms <= numbers.median_ms <= numbers.p90_ms
+    for stage in STAGES:
+        assert 0 < numbers.stages_p10_ms[stage] <= numbers.stages_ms[stage] <= numbers.stages_p90_ms[stage]
+        assert stage == "meshes" or numbers.stages_ms[stage] < numbers.p90_ms
+    assert numbers.points == len(picture.observation.cloud)
+    assert (numbers.device, numbers.threads) == ("cpu", torch.get_num_threads())
+
+
+def test_a_depth_image_has_more_points_than_the_cloud_of_the_objects(numbers, predictor, picture):
+    assert measure_latency(predictor, [picture], 1, "depth").points > 3 * numbers.points
+
+
+def test_the_size_counts_every_parameter_and_the_file(predictor):
+    size = model_size(predictor.network, DEFAULT_WEIGHTS)
+    assert size.parameters == sum(tensor.numel() for _, tensor in predictor.network.named_parameters())
+    assert size.megabytes == pytest.approx(4e-6 * size.parameters)
+    # Kernels are stored in 16 bits, the rest in 32.
+    assert size.megabytes / 2 < size.file_megabytes < size.megabytes
+
+
+def test_wrong_use_names_what_is_valid(predictor, picture):
+    with pytest.raises(InputError, match="repeats must be at least 1, got 0"):
+        measure_latency(predictor, [picture], 0)
+    with pytest.raises(InputError, match="none of 1 scenes"):
+        measure_latency(predictor, [without_cloud(picture)], 1)
+    with pytest.raises(InputError, match="got 'huge'"):
+        untrained_predictor("huge")
+
+
+def test_pictures_show_the_scenes_of_the_clutter_benchmark_whatever_the_camera(picture):
+    objects, gripper = load_object_set("procedural"), load_gripper()
+    other = take_picture(PictureConfig(scenes=7, view="top", noise="dex"), 0, objects, gripper)
+    for scene in (other.truth.scene, round_scene(PictureConfig().clutter, 0, 0, objects)):
+        for one, two in zip(scene.objects, picture.truth.scene.objects, strict=True):
+            assert one.name == two.name
+            np.testing.assert_array_equal(one.T_world_object, two.T_world_object)
+    assert not np.array_equal(other.observation.T_world_camera, picture.observation.T_world_camera)
+
+
+def test_an_untrained_network_of_a_preset_is_the_same_every_time():
+    one, two = (untrained_predictor("tiny").network.state_dict() for _ in range(2))
+    assert all(torch.equal(one[name], two[name]) for name in one)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [[], ["--preset", "tiny"]])
+def test_the_command_prints_stages_and_writes_a_report(model, tmp_path, capsys):
+    arguments = ["--scenes", "1", "--repeats", "1", "--threads", "1", "--out", str(tmp_path), *model]
+    assert main(["benchmark", "latency", *arguments]) == 0
+    printed = capsys.readouterr().out
+    assert "collision" in printed
+    assert "M parameters" in printed
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert 1 < report["median_ms"] < 60_000
+    assert report["stages_ms"].keys() == set(STAGES)
+    assert (report["settings"]["weights"] is None) == bool(model)
+    assert report["threads"] == 1
+    assert report["model"]["parameters"] > 1e4
+
+
+def test_a_preset_with_weights_is_refused(capsys):
+    assert main(["benchmark", "latency", "--preset", "tiny", "--weights", "some.safetensors"]) == USAGE_ERROR
+    assert "not both" in capsys.readouterr().err

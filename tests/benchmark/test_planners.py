@@ -1,0 +1,155 @@
+"""The built-in planners: their contract, and how good they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from icgnet.benchmark.observation import Observation, Truth, observe
+from icgnet.benchmark.planner import Plan, Planner
+from icgnet.benchmark.planners.antipodal import AntipodalPlanner
+from icgnet.benchmark.planners.chance import RandomPlanner
+from icgnet.benchmark.planners.icgnet import IcgNetPlanner
+from icgnet.benchmark.planners.oracle import OraclePlanner
+from icgnet.errors import InputError
+from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.transforms import make_transform
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.grasping.collision import hits_table
+from icgnet.grasping.gripper import load_gripper
+from icgnet.network.weights import save_weights
+from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.simulation.scene import PlacedObject, Scene
+from icgnet.simulation.scenes import spawn_scene
+from icgnet.simulation.workcell import PROTOCOLS, Workcell
+from tabletop_scenes import tiny_network
+
+NAMES = ("icgnet", "antipodal", "random", "oracle")
+FRANKA = load_gripper()
+
+
+@pytest.fixture(scope="module")
+def objects() -> ObjectSet:
+    return load_object_set("procedural")
+
+
+@pytest.fixture(scope="module")
+def planners(tmp_path_factory) -> dict[str, Planner]:
+    weights = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_weights(weights, tiny_network(), {})
+    return {
+        "icgnet": IcgNetPlanner(weights),
+        "antipodal": AntipodalPlanner(),
+        "random": RandomPlanner(),
+        "oracle": OraclePlanner(),
+    }
+
+
+@pytest.fixture(scope="module")
+def scene(objects) -> Scene:
+    return spawn_scene("pile", objects, "val", np.random.default_rng(0), 4)
+
+
+def look(scene: Scene, objects: ObjectSet, seed: int = 0, full_opening: bool = False) -> Observation:
+    rng = np.random.default_rng(seed)
+    observation = observe(scene, objects, "random", "gaussian", FRANKA, full_opening, rng)
+    return replace(observation, rng=np.random.default_rng(seed), truth=Truth(scene, objects))
+
+
+def empty_table(objects: ObjectSet) -> Observation:
+    nothing = Scene("pile", ())
+    return replace(look(nothing, objects), cloud=PointCloud(np.zeros((0, 3)), np.array([0.5, 0.5, 0.5])))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("full_opening", [False, True])
+def test_plans_are_ranked_proper_grasps_of_this_hand(planners, scene, objects, name, full_opening):
+    plan = planners[name].plan(look(scene, objects, full_opening=full_opening))
+    assert len(plan) > 0
+    rotations = plan.poses[:, :3, :3]
+    np.testing.assert_allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-9
+    )
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+    np.testing.assert_array_equal(plan.poses[:, 3], np.broadcast_to([0, 0, 0, 1], (len(plan), 4)))
+    assert (np.diff(plan.scores) <= 0).all()
+    assert ((plan.openings > 0) & (plan.openings <= FRANKA.max_opening)).all()
+    assert full_opening == bool((plan.openings == FRANKA.max_opening).all())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_random_stream_gives_the_same_plan(planners, scene, objects, name):
+    first, again, other = (planners[name].plan(look(scene, objects, seed)) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.poses, again.poses)
+    np.testing.assert_array_equal(first.scores, again.scores)
+    assert first.poses.shape != other.poses.shape or not np.allclose(first.poses, other.poses)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_where_nothing_is_seen_nothing_is_planned(planners, objects, name):
+    assert len(planners[name].plan(empty_table(objects))) == 0
+
+
+@pytest.mark.parametrize("name", ["icgnet", "antipodal", "oracle"])
+def test_planned_hands_stay_above_the_table(planners, scene, objects, name):
+    observation = look(scene, objects)
+    plan = planners[name].plan(observation)
+    assert not hits_table(plan.poses, plan.openings, FRANKA, observation.table_height).any()
+
+
+def test_the_details_of_the_network_are_its_prediction(planners, scene, objects):
+    observation = look(scene, objects)
+    plan = planners["icgnet"].plan(observation)
+    np.testing.assert_array_equal(plan.details.grasps.poses, plan.poses)
+    assert len(plan.details.cloud) == len(observation.cloud)
+
+
+def test_the_oracle_alone_needs_the_truth(planners, scene, objects):
+    assert {name for name, planner in planners.items() if planner.needs_truth} == {"oracle"}
+    with pytest.raises(InputError, match="needs the true scene"):
+        planners["oracle"].plan(replace(look(scene, objects), truth=None))
+
+
+def test_the_oracle_grasps_what_lies_flat(objects):
+    # Lower than the finger tips reach past a contact: only a hand that is drawn back can hold it.
+    boxes = [name for name in objects.names("pile", "val") if objects.class_name(name) == "box"]
+    name = min(boxes, key=lambda key: objects.model(key).visual.extents.min())
+    extents = objects.model(name).visual.extents
+    scale = 0.016 / extents.min()
+    turn = np.roll(np.eye(3), 2 - int(extents.argmin()), axis=0)
+    vertices = objects.model(name).visual.vertices @ turn.T * scale
+    pose = make_transform(turn, np.array([0.15, 0.15, TABLE_HEIGHT - vertices[:, 2].min()]))
+    scene = Scene("pile", (PlacedObject(name, scale, pose),))
+    plan = OraclePlanner().plan(look(scene, objects))
+    assert np.ptp(vertices[:, 2]) == pytest.approx(0.016)
+    assert Workcell(scene, objects, FRANKA).execute(plan.poses[0], plan.openings[0], PROTOCOLS["strict"]).success
+
+
+def play(planner: Planner, objects: ObjectSet, kind, seed: int, protocol: str) -> tuple[int, int]:
+    """Attempts and successes in one scene, until it is empty, two in a row fail, or nothing is found."""
+    scene = spawn_scene(kind, objects, "val", np.random.default_rng([7, seed]), 5)
+    cell = Workcell(scene, objects, FRANKA)
+    attempts = successes = failures = 0
+    while len(cell.remaining) and failures < 2:
+        plan: Plan = planner.plan(look(cell.scene(), objects, 100 * seed + attempts, protocol == "edge"))
+        if len(plan) == 0:
+            break
+        execution = cell.execute(plan.poses[0], float(plan.openings[0]), PROTOCOLS[protocol])
+        attempts, successes = attempts + 1, successes + execution.success
+        failures = 0 if execution.success else failures + 1
+    return attempts, successes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["packed", "pile"])
+def test_the_oracle_hardly_ever_fails(objects, kind):
+    attempts, successes = np.sum([play(OraclePlanner(), objects, kind, seed, "strict") for seed in range(5)], axis=0)
+    assert attempts >= 10
+    assert successes >= 0.95 * attempts
+
+
+@pytest.mark.slow
+def test_seeing_opposed_points_beats_chance(objects):
+    _, antipodal = np.sum([play(AntipodalPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
+    _, chance = np.sum([play(RandomPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
+    assert antipodal >= chance + 4
