@@ -114,7 +114,6 @@ def test_a_folder_with_another_benchmark_is_refused(tmp_path):
     ("change", "message"),
     [
         ({"protocol": "easy"}, "edge, strict, got 'easy'"),
-        ({"view": "front"}, "random, side, top"),
         ({"runs": 0}, "runs"),
     ],
 )
