@@ -10,7 +10,6 @@ from rich.progress import Progress, track
 from rich.table import Table
 
 from icgnet.benchmark.record import write_report
-from icgnet.benchmark.statistics import Spread
 from icgnet.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from icgnet.benchmark.pictures import Picture, PictureConfig
     from icgnet.benchmark.reconstruction import ReconstructionNumbers
     from icgnet.benchmark.segmentation import SegmentationNumbers
+    from icgnet.benchmark.statistics import Spread
     from icgnet.predictor import Predictor
 
 
@@ -203,7 +203,7 @@ def _some(scenes: Iterable[Any], asked: int) -> list[Any]:
     return measured
 
 
-def _cells(value: Spread | None, digits: int = 1) -> tuple[str, str]:
+def _cells(value: "Spread | None", digits: int = 1) -> tuple[str, str]:
     """A number with its standard deviation over the scenes, and its 95 % interval."""
     if value is None:
         return "-", "-"
