@@ -169,7 +169,7 @@ def _believed(
     contact, angle = np.nonzero(likely & fits[:, None])
     used, position = np.unique(contact, return_inverse=True)
     poses = grasp_poses(contacts.points[used], contacts.normals[used], widths[used], gripper.finger_reach)
-    openings = search.openings(widths[contact], gripper)
+    openings = _openings(widths[contact], gripper, search)
     grasps = Grasps(
         poses=draw_back(poses[position, angle], openings, gripper, TABLE_HEIGHT),
         widths=widths[contact],
@@ -209,7 +209,7 @@ def keep_free(
             break
         collisions = check_collisions(
             grasps.poses[batch],
-            search.openings(grasps.widths[batch], gripper),
+            _openings(grasps.widths[batch], gripper, search),
             gripper,
             partial(scene_occupancy, shapes),
             TABLE_HEIGHT,
@@ -222,6 +222,11 @@ def keep_free(
             rejected[name] += collisions.counts[name]
     rejected["unchecked"] = int((~checked).sum())
     return grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])).sorted(), rejected
+
+
+def _openings(widths: Float[np.ndarray, "g"], gripper: Gripper, search: GraspSearch) -> Float[np.ndarray, "g"]:
+    """Openings of the hand [m] on its way to objects of these widths [m]."""
+    return np.full(len(widths), gripper.max_opening) if search.opening == "full" else gripper.opening(widths)
 
 
 def _tensor(values: Float[np.ndarray, "..."]) -> torch.Tensor:

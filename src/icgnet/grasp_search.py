@@ -3,11 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numpy as np
-from jaxtyping import Float
-
 from icgnet.errors import InputError
-from icgnet.grasping.gripper import Gripper
 
 Opening = Literal["predicted", "full"]
 
@@ -52,10 +48,6 @@ class GraspSearch:
             raise InputError(f"width_from must be 'network' or 'shape', got {self.width_from!r}")
         if self.opening not in get_args(Opening):
             raise InputError(f"opening must be one of {', '.join(get_args(Opening))}, got {self.opening!r}")
-
-    def openings(self, widths: Float[np.ndarray, "g"], gripper: Gripper) -> Float[np.ndarray, "g"]:
-        """Openings of a hand [m] on its way to objects of these widths [m]."""
-        return np.full(len(widths), gripper.max_opening) if self.opening == "full" else gripper.opening(widths)
 
 
 DEFAULT_SEARCH = GraspSearch()
