@@ -75,7 +75,7 @@ def make_recipe(scene_id: int, split: str = "train", contacts: int = 60) -> Reci
 
 @pytest.fixture(scope="session")
 def shapes(tmp_path_factory) -> ObjectSet:
-    """The object set; its distance grids live in a folder of the session."""
+    """The object set; its distance grids live in a folder of the test run."""
     patch = pytest.MonkeyPatch()
     patch.setenv("ICGNET_CACHE", str(tmp_path_factory.mktemp("cache")))
     object_set = ShapeSet()
