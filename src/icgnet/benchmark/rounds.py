@@ -120,7 +120,7 @@ def play_round(
             skips += 1
             continue
         on_table = [scene.objects[i].name for i in cell.remaining]
-        opening = float(observation.openings(plan.openings[:1])[0]) if config.full_opening else float(plan.openings[0])
+        opening = gripper.max_opening if config.full_opening else float(plan.openings[0])
         execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
         failures = 0 if execution.success else failures + 1
         lost += len(execution.lost)
