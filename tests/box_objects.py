@@ -10,9 +10,9 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
+from icgnet.inference.prediction import DetectedObject, Prediction
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import Kind, ObjectSet, Split
-from icgnet.prediction import DetectedObject, Prediction
 from icgnet.simulation.scene import PlacedObject, Scene
 
 EDGE, RADIUS = 0.06, 0.03

@@ -12,9 +12,8 @@ import icgnet
 
 PACKAGE = Path(icgnet.__file__).parent
 
-# The modules beside the folders are the predictor, apart from these two, which stand below everything.
 FOUNDATION = {"errors", "output_folder"}
-PREDICTOR = "predictor"
+"""The modules that stand below everything; beside them there is the predictor, on top of the folder `inference`."""
 
 MAY_IMPORT = {
     "foundation": set(),
@@ -25,11 +24,12 @@ MAY_IMPORT = {
     "simulation": {"foundation", "geometry", "grasping", "objects"},
     "datagen": {"foundation", "geometry", "grasping", "objects", "simulation"},
     "training": {"foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen"},
-    PREDICTOR: {"foundation", "geometry", "grasping", "objects", "network"},
-    "viewer": {"foundation", "geometry", "grasping", PREDICTOR},
+    "inference": {"foundation", "geometry", "grasping", "objects", "network"},
+    "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
+    "viewer": {"foundation", "geometry", "grasping", "inference", "predictor"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen", "training"),
-        *(PREDICTOR, "viewer"),
+        *("inference", "predictor", "viewer"),
     },
 }
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
@@ -42,7 +42,7 @@ AT_HOME = {
     "viser": {"viewer"},
     "pyarrow": {"datagen"},
     "tyro": {"cli"},
-    "torch": {"network", "training", PREDICTOR, "benchmark"},
+    "torch": {"network", "training", "inference", "predictor", "benchmark"},
     "embreex": {"geometry", "simulation", "viewer"},
     "coacd": {"objects"},
 }
@@ -53,9 +53,7 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 def layer_of(first: str) -> str:
     """Layer of a top-level folder or module of the package."""
-    if first in FOUNDATION:
-        return "foundation"
-    return first if (PACKAGE / first).is_dir() else PREDICTOR
+    return "foundation" if first in FOUNDATION else first
 
 
 def imported(module: Path) -> set[str]:

@@ -11,11 +11,11 @@ from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.grasp_search import GraspSearch
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
+from icgnet.inference.grasp_search import GraspSearch
+from icgnet.inference.prediction import NO_INSTANCE, Prediction, load_prediction
 from icgnet.network.weights import save_weights
-from icgnet.prediction import NO_INSTANCE, Prediction, load_prediction
 from icgnet.predictor import Predictor
 from tabletop_scenes import INTRINSICS, SHAPE, THREE_BOXES, WIDE_ROW, camera_pose, depth_image, tiny_network
 

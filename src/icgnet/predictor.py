@@ -11,24 +11,24 @@ import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
 
-from icgnet.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
-from icgnet.capture import check_viewpoint
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points
 from icgnet.geometry.transforms import check_transform
-from icgnet.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.instances import Instance, encode_windows, find_instances
+from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
+from icgnet.inference.capture import check_viewpoint
+from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
+from icgnet.inference.instances import Instance, encode_windows, find_instances
+from icgnet.inference.parts import group_parts
+from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.inference.shapes import Shape
+from icgnet.inference.tabletop import Tabletop, find_tabletop
+from icgnet.inference.windows import cover
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
 from icgnet.network.weights import load_weights
-from icgnet.parts import group_parts
-from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction
-from icgnet.shapes import Shape
-from icgnet.tabletop import Tabletop, find_tabletop
-from icgnet.windows import cover
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
 

@@ -13,8 +13,8 @@ from icgnet.benchmark.rounds import round_scene
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
 from icgnet.geometry.clouds import PointCloud
-from icgnet.grasp_search import GraspSearch
 from icgnet.grasping.gripper import load_gripper
+from icgnet.inference.grasp_search import GraspSearch
 from icgnet.objects.object_set import load_object_set
 from icgnet.predictor import DEFAULT_WEIGHTS, Predictor
 

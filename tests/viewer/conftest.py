@@ -10,7 +10,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import make_transform, transform_points
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
-from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 
 VIEWPOINT = np.array([0.45, -0.25, 0.5])
 

@@ -12,9 +12,9 @@ import torch
 from icgnet.benchmark.pictures import Picture
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
+from icgnet.inference.prediction import Prediction
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.prediction import Prediction
 from icgnet.predictor import Predictor
 
 InputName = Literal["cloud", "depth"]

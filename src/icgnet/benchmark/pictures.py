@@ -12,9 +12,9 @@ from icgnet.benchmark.rounds import CAMERA, random_stream, round_scene
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper
+from icgnet.inference.prediction import Prediction
 from icgnet.network.weights import stored_checksum
 from icgnet.objects.object_set import Kind, ObjectSet, Split
-from icgnet.prediction import Prediction
 from icgnet.predictor import Predictor
 
 

@@ -17,7 +17,7 @@ from icgnet.benchmark.pictures import Picture
 from icgnet.benchmark.segmentation import label_overlaps, visible_objects
 from icgnet.benchmark.statistics import Spread, mean_or_none, spread
 from icgnet.benchmark.true_shapes import TrueShapes
-from icgnet.prediction import Prediction
+from icgnet.inference.prediction import Prediction
 from icgnet.predictor import Predictor
 
 SAMPLES = 100_000

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from icgnet.benchmark.pictures import Picture
 from icgnet.benchmark.statistics import Spread, mean_or_none, spread
 from icgnet.benchmark.true_shapes import NO_OBJECT
+from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.classes import CLASSES
-from icgnet.prediction import NO_INSTANCE, Prediction
 from icgnet.predictor import Predictor
 from icgnet.training.metrics import Tally, average_precision, count_masks
 

@@ -34,7 +34,7 @@ class Demo:
         check_replaceable(self.out, "result.json", self.overwrite)
         if not CAPTURE.is_file():
             raise DataError(f"this installation has no demo capture ({CAPTURE} is missing)")
-        from icgnet.capture import DepthCapture, read_capture
+        from icgnet.inference.capture import DepthCapture, read_capture
         from icgnet.predictor import Predictor
 
         predictor = Predictor.load(self.weights, self.threads)

@@ -11,12 +11,12 @@ from rich.console import Console
 
 from icgnet.cli.report import print_tables, with_median_timings, with_meshes, write_folder
 from icgnet.errors import InputError
-from icgnet.grasp_search import GraspSearch
+from icgnet.inference.grasp_search import GraspSearch
 from icgnet.objects.classes import class_index
 from icgnet.output_folder import check_replaceable
 
 if TYPE_CHECKING:
-    from icgnet.prediction import Prediction
+    from icgnet.inference.prediction import Prediction
 
 DEFAULT_OUT = Path("prediction")
 STDOUT = "-"
@@ -87,7 +87,7 @@ class Predict:
         self._report(result, out)
 
     def _predict(self) -> "Prediction":
-        from icgnet.capture import DepthCapture, read_capture, read_mask
+        from icgnet.inference.capture import DepthCapture, read_capture, read_mask
         from icgnet.predictor import Predictor
 
         capture = read_capture(self.input, self.intrinsics, self.depth_scale, self.camera_pose, self.viewpoint)

@@ -13,7 +13,7 @@ from rich.table import Table
 from icgnet.output_folder import output_folder
 
 if TYPE_CHECKING:
-    from icgnet.prediction import Prediction
+    from icgnet.inference.prediction import Prediction
 
 MOST_GRASPS = 10
 
@@ -38,7 +38,7 @@ def with_median_timings(predictions: Sequence["Prediction"]) -> "Prediction":
 
 def write_folder(prediction: "Prediction", out: Path, overwrite: bool, title: str) -> None:
     """Writes the files of a prediction and its picture into a folder that appears whole or not at all."""
-    from icgnet.prediction import PICTURE_FILE, RESULT_FILE
+    from icgnet.inference.prediction import PICTURE_FILE, RESULT_FILE
     from icgnet.viewer.picture import draw_prediction
 
     with output_folder(out, RESULT_FILE, overwrite) as folder:

@@ -6,7 +6,7 @@ from jaxtyping import Float, Int
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import above_table
 from icgnet.grasping.grasps import Grasps
-from icgnet.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 
 SEPARATOR = "  \u00b7  "
 SURROUNDINGS = 0.10

@@ -13,7 +13,7 @@ from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
-from icgnet.prediction import DetectedObject, Prediction
+from icgnet.inference.prediction import DetectedObject, Prediction
 from icgnet.viewer.annotate import Label, draw_score_scale, shorten, text_width, write, write_labels
 from icgnet.viewer.describe import SEPARATOR, best_per_object, object_name, object_top, points_on_table, summary
 from icgnet.viewer.palette import QUIET_INK, instance_colour, instance_colours, score_colours

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
-from icgnet.grasp_search import GraspSearch
+from icgnet.inference.grasp_search import GraspSearch
 from icgnet.predictor import Predictor
 
 SEARCH = GraspSearch(most=5)

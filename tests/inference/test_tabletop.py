@@ -8,7 +8,7 @@ from icgnet.geometry.camera import unproject
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import invert_transform, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.tabletop import find_tabletop
+from icgnet.inference.tabletop import find_tabletop
 from tabletop_scenes import INTRINSICS, THREE_BOXES, Box, camera_pose, depth_image
 
 

@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
-from icgnet.instances import Instance
+from icgnet.inference.instances import Instance
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.surface import extract_mesh
 

@@ -11,15 +11,15 @@ from jaxtyping import Float, Int
 
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
 from icgnet.geometry.workspace import TABLE_HEIGHT, above_table, contains
-from icgnet.grasp_search import GraspSearch
 from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions, draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
-from icgnet.instances import Instance
+from icgnet.inference.grasp_search import GraspSearch
+from icgnet.inference.instances import Instance
+from icgnet.inference.shapes import Shape, scene_occupancy
+from icgnet.inference.tabletop import Tabletop
 from icgnet.network.icgnet import IcgNet
-from icgnet.shapes import Shape, scene_occupancy
-from icgnet.tabletop import Tabletop
 
 CONTACT_VOXEL = 0.003
 """Contacts are the points of an object thinned to this [m]."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.clouds import PointCloud
-from icgnet.parts import group_parts
+from icgnet.inference.parts import group_parts
 
 SPACING = 0.002
 EYE = np.array([0.15, -0.2, 0.6])

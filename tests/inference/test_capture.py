@@ -8,10 +8,10 @@ import scipy.io
 import trimesh
 from PIL import Image
 
-from icgnet.capture import DepthCapture, read_camera_pose, read_capture, read_intrinsics, read_mask
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import look_at
 from icgnet.geometry.clouds import PointCloud
+from icgnet.inference.capture import DepthCapture, read_camera_pose, read_capture, read_intrinsics, read_mask
 
 K = np.array([[600.0, 0.0, 320.0], [0.0, 610.0, 240.0], [0.0, 0.0, 1.0]])
 POSE = look_at(np.array([0.1, -0.4, 0.5]), np.array([0.15, 0.15, 0.05]))

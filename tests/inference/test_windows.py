@@ -5,7 +5,7 @@ import pytest
 
 from icgnet.errors import InputError
 from icgnet.geometry.workspace import SIZE
-from icgnet.windows import STRIDE, cover, owners
+from icgnet.inference.windows import STRIDE, cover, owners
 
 
 def scattered(width: float, depth: float, count: int = 400) -> np.ndarray:

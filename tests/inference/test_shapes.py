@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 import torch
 
-from icgnet.candidates import Contacts, keep_free, surface_contacts
 from icgnet.geometry.clouds import PointCloud
-from icgnet.grasp_search import GraspSearch
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
-from icgnet.instances import Instance, encode_windows
+from icgnet.inference.candidates import Contacts, keep_free, surface_contacts
+from icgnet.inference.grasp_search import GraspSearch
+from icgnet.inference.instances import Instance, encode_windows
+from icgnet.inference.shapes import Shape, scene_occupancy
+from icgnet.inference.tabletop import Tabletop
+from icgnet.inference.windows import Window
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
 from icgnet.predictor import Predictor, _Clock
-from icgnet.shapes import Shape, scene_occupancy
-from icgnet.tabletop import Tabletop
-from icgnet.windows import Window
 
 CENTRES = np.array([[0.15, 0.15, 0.09], [0.22, 0.15, 0.09]])
 RADIUS = 0.03

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.clouds import PointCloud
-from icgnet.instances import EncodedWindow, Instance, encode_windows, instances_of, keep_one_of_each
-from icgnet.tabletop import Tabletop
-from icgnet.windows import Window
+from icgnet.inference.instances import EncodedWindow, Instance, encode_windows, instances_of, keep_one_of_each
+from icgnet.inference.tabletop import Tabletop
+from icgnet.inference.windows import Window
 from tabletop_scenes import tiny_network
 
 

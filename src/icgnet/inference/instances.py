@@ -7,13 +7,13 @@ import torch
 from jaxtyping import Float, Int
 
 from icgnet.geometry.visibility import visibility_grid
+from icgnet.inference.tabletop import Tabletop
+from icgnet.inference.windows import Window, owners
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.inputs import make_scene_input
 from icgnet.network.instances import select_instances
 from icgnet.objects.classes import CLASSES
-from icgnet.tabletop import Tabletop
-from icgnet.windows import Window, owners
 
 BATCH = 4
 """Windows that are encoded at once."""

@@ -1,0 +1,1 @@
+"""What the predictor is made of: a capture, its table, windows, instances, shapes, and the search for grasps."""
