@@ -18,7 +18,16 @@ CHANCE = ClutterConfig(planner=PlannerSource("random"), scene="packed", split="v
 
 def attempt(success: bool, cause: str = "missed") -> Attempt:
     pose = np.eye(4).tolist()
-    names = {"scene": [], "held": [], "touched": [], "lost": [], "target": "a", "target_class": "box"}
+    names = {
+        "scene": [],
+        "scales": [],
+        "object_poses": [],
+        "held": [],
+        "touched": [],
+        "lost": [],
+        "target": "a",
+        "target_class": "box",
+    }
     return Attempt(0, 0, 0, camera=pose, pose=pose, opening=0.08, score=1.0, success=success,
                    cause="held" if success else cause, plan_seconds=0.5, **names)  # fmt: skip
 

@@ -58,6 +58,7 @@ class ClutterNumbers:
         rounds: scenes that were played.
         objects: that were placed.
         failures: number of failed attempts by cause, and pictures in which "nothing found".
+        touching: attempts, failed or not, in which the open hand touched anything but the target on its way.
         lost: objects that were pushed out of the workspace.
         plan_seconds: median time of the planner for one picture [s].
     """
@@ -68,6 +69,7 @@ class ClutterNumbers:
     rounds: int
     objects: int
     failures: dict[str, int]
+    touching: int
     lost: int
     plan_seconds: float
 
@@ -118,6 +120,7 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
         rounds=len(rounds),
         objects=sum(placed),
         failures=dict(failures),
+        touching=sum(bool(attempt.touched) for attempt in attempts),
         lost=sum(each.lost for each in rounds),
         plan_seconds=float(np.median([attempt.plan_seconds for attempt in attempts])) if attempts else float("nan"),
     )
@@ -179,10 +182,11 @@ def run_clutter(
 
 def settings(config: ClutterConfig) -> dict[str, object]:
     """What the numbers depend on, as plain values; the weights by their checksum."""
-    planner = config.planner
-    checksum = stored_checksum(planner.weights or DEFAULT_WEIGHTS) if planner.name == "icgnet" else None
+    planner, own = config.planner, {}
+    if planner.name == "icgnet":
+        own = {"weights": stored_checksum(planner.weights or DEFAULT_WEIGHTS), "search": asdict(planner.search)}
     # How many threads a planner computes with, and where its weights lie, decides nothing.
-    return {**asdict(config), "planner": planner.name, "weights": checksum, "full_opening": config.full_opening}
+    return {**asdict(config), "planner": planner.name, **own, "full_opening": config.full_opening}
 
 
 def _check_config(path: Path, config: ClutterConfig) -> None:

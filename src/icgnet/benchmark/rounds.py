@@ -31,6 +31,8 @@ class Attempt:
         round: number of the round in the run.
         attempt: number of the picture in the round; pictures in which nothing was found are counted, too.
         scene: names of the objects on the table.
+        scales: factors on their meshes.
+        object_poses: their T_world_object.
         camera: T_world_camera.
         pose: T_world_grasp.
         opening: of the hand while it approached.
@@ -40,7 +42,7 @@ class Attempt:
         target: name of the object that the grasp was for.
         target_class: its class.
         held: names of what the hand touched at the end.
-        touched: names of what it touched before closing.
+        touched: names of what else than the target it touched before closing.
         lost: names of what left the workspace because of it.
         plan_seconds: time that the planner took.
     """
@@ -49,6 +51,8 @@ class Attempt:
     round: int
     attempt: int
     scene: list[str]
+    scales: list[float]
+    object_poses: list[list[list[float]]]
     camera: list[list[float]]
     pose: list[list[float]]
     opening: float
@@ -112,14 +116,14 @@ def play_round(
     failures = skips = lost = 0
     while len(cell.remaining) and failures < FAILURES_IN_A_ROW and skips < SKIPS:
         number = len(attempts) + skips
-        observation = _look(config, run, index, number, cell.scene(), object_set, gripper, planner.needs_truth)
+        now = cell.scene()
+        observation = look(config, run, index, number, now, object_set, gripper, planner.needs_truth)
         start = time.perf_counter()
         plan = planner.plan(observation)
         seconds = time.perf_counter() - start
         if len(plan) == 0:
             skips += 1
             continue
-        on_table = [scene.objects[i].name for i in cell.remaining]
         opening = gripper.max_opening if config.full_opening else float(plan.openings[0])
         execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
         failures = 0 if execution.success else failures + 1
@@ -130,7 +134,9 @@ def play_round(
                 run=run,
                 round=index,
                 attempt=number,
-                scene=on_table,
+                scene=[placed.name for placed in now.objects],
+                scales=[placed.scale for placed in now.objects],
+                object_poses=[placed.T_world_object.tolist() for placed in now.objects],
                 camera=observation.T_world_camera.tolist(),
                 pose=plan.poses[0].tolist(),
                 opening=opening,
@@ -140,7 +146,7 @@ def play_round(
                 target=names[execution.target],
                 target_class=object_set.class_name(names[execution.target]),
                 held=[names[i] for i in execution.held],
-                touched=[names[i] for i in execution.touched],
+                touched=[names[i] for i in execution.touched if i != execution.target],
                 lost=[names[i] for i in execution.lost],
                 plan_seconds=seconds,
             )
@@ -148,7 +154,7 @@ def play_round(
     return Round(run, index, len(scene.objects), skips, len(cell.remaining), lost, attempts)
 
 
-def _look(
+def look(
     config: ClutterConfig,
     run: int,
     index: int,
@@ -158,7 +164,7 @@ def _look(
     gripper: Gripper,
     with_truth: bool,
 ) -> Observation:
-    """The picture of this number in a round."""
+    """The picture of this number in a round, of what is on the table now."""
     camera, draws = (random_stream(config, run, index, purpose, number) for purpose in (CAMERA, PLANNER))
     observation = observe(scene, object_set, config.view, config.noise, gripper, config.full_opening, camera)
     return replace(observation, rng=draws, truth=Truth(scene, object_set) if with_truth else None)

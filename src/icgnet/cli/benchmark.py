@@ -102,15 +102,14 @@ class Loader:
 class Benchmark:
     """Measure what this project claims."""
 
-    number: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[
-            Annotated[Clutter, tyro.conf.subcommand("clutter")]
-            | Annotated[Simulation, tyro.conf.subcommand("simulation")]
-            | Annotated[Loader, tyro.conf.subcommand("loader")]
-            | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
-            | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
-            | Annotated[Latency, tyro.conf.subcommand("latency")]
-        ]
+    number: Annotated[
+        Annotated[Clutter, tyro.conf.subcommand("clutter")]
+        | Annotated[Simulation, tyro.conf.subcommand("simulation")]
+        | Annotated[Loader, tyro.conf.subcommand("loader")]
+        | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
+        | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
+        | Annotated[Latency, tyro.conf.subcommand("latency")],
+        tyro.conf.arg(name=""),
     ]
     """What to measure."""
 

@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+
+from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 
 if TYPE_CHECKING:
     from icgnet.benchmark.clutter import ClutterNumbers, Rate
@@ -48,6 +51,8 @@ class Clutter:
     """Weights file for icgnet; the one that ships with the package if not given."""
     threads: int = 1
     """CPU threads of the network in each process."""
+    search: Annotated[GraspSearch, tyro.conf.arg(name="search")] = BEST_FEW
+    """How icgnet looks for grasps; its opening is that of --opening."""
 
     def run(self) -> None:
         """Plays all rounds, and prints the rates and why attempts failed.
@@ -60,7 +65,7 @@ class Clutter:
         from icgnet.benchmark.planners.registry import PlannerSource
 
         config = ClutterConfig(
-            planner=PlannerSource(self.planner, self.weights, self.threads),
+            planner=PlannerSource(self.planner, self.weights, self.threads, self.search),
             scene=self.scene,
             objects=self.objects,
             split=self.split,
@@ -108,6 +113,7 @@ def _table(numbers: "ClutterNumbers", title: str) -> Table:
     table.add_row("rounds, objects, attempts", f"{numbers.rounds}, {numbers.objects}, {numbers.attempts}")
     for cause, count in sorted(numbers.failures.items(), key=lambda item: -item[1]):
         table.add_row(cause if cause == "nothing found" else f"failed: {cause}", str(count))
+    table.add_row("attempts that touched something else on their way", str(numbers.touching))
     table.add_row("objects pushed out of the workspace", str(numbers.lost))
     table.add_row("planning, median", f"{numbers.plan_seconds:.2f} s")
     return table

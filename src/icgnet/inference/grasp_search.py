@@ -51,4 +51,7 @@ class GraspSearch:
 
 
 DEFAULT_SEARCH = GraspSearch()
-"""What the benchmark runs with."""
+"""What the predictor searches with."""
+
+BEST_FEW = GraspSearch(most=5)
+"""When only the best grasp is executed: with the five best known, the search for more decides as if it knew all."""

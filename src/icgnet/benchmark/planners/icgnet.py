@@ -5,11 +5,8 @@ from pathlib import Path
 
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
-from icgnet.inference.grasp_search import GraspSearch
+from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 from icgnet.predictor import Predictor
-
-SEARCH = GraspSearch(most=5)
-"""Only the best grasp is executed. With the five best ones known, the search for more decides as if it knew all."""
 
 
 class IcgNetPlanner:
@@ -17,7 +14,7 @@ class IcgNetPlanner:
 
     needs_truth = False
 
-    def __init__(self, weights: Path | None = None, threads: int = 1, search: GraspSearch = SEARCH) -> None:
+    def __init__(self, weights: Path | None = None, threads: int = 1, search: GraspSearch = BEST_FEW) -> None:
         """Loads the network.
 
         Args:

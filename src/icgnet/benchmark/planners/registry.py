@@ -9,6 +9,7 @@ from typing import Any
 
 from icgnet.benchmark.planner import Planner
 from icgnet.errors import InputError
+from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 
 
 @dataclass(frozen=True)
@@ -19,11 +20,13 @@ class PlannerSource:
         name: a built-in one (icgnet, antipodal, random, oracle), or module:Class of your own.
         weights: of the network, for icgnet; the shipped ones if None.
         threads: CPU threads of the network, for icgnet.
+        search: how icgnet looks for grasps.
     """
 
     name: str = "icgnet"
     weights: Path | None = None
     threads: int = 1
+    search: GraspSearch = BEST_FEW
 
 
 def load_planner(source: PlannerSource) -> Planner:
@@ -49,7 +52,7 @@ def load_planner(source: PlannerSource) -> Planner:
 def _icgnet(source: PlannerSource) -> Planner:
     from icgnet.benchmark.planners.icgnet import IcgNetPlanner
 
-    return IcgNetPlanner(source.weights, source.threads)
+    return IcgNetPlanner(source.weights, source.threads, source.search)
 
 
 def _antipodal(_: PlannerSource) -> Planner:
