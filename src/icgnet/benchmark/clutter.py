@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.planners.registry import PlannerSource, load_planner
 from icgnet.benchmark.record import write_report
-from icgnet.benchmark.rounds import Attempt, Round, play_round
+from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round
 from icgnet.datagen.files import new_file, write_json
 from icgnet.datagen.lock import locked
 from icgnet.datagen.pool import local_pool
@@ -176,7 +177,8 @@ def run_clutter(
         rounds.sort(key=lambda each: (each.run, each.round))
         numbers = summarise(rounds)
         _write_attempts(out / ATTEMPTS_FILE, rounds)
-        write_report(out, {**asdict(numbers), "protocol": config.protocol, "settings": settings(config)})
+        report = {"benchmark": "clutter", **asdict(numbers), "protocol": config.protocol}
+        write_report(out, {**report, "settings": settings(config)})
     return numbers
 
 
@@ -213,7 +215,12 @@ def _read_rounds(path: Path) -> list[Round]:
     if complete != text:
         path.write_text(complete)
     rows = [json.loads(line) for line in complete.splitlines()]
-    return [Round(**{**row, "attempts": [Attempt(**attempt) for attempt in row["attempts"]]}) for row in rows]
+    return [_round(row) for row in rows]
+
+
+def _round(row: dict[str, Any]) -> Round:
+    attempts = [Attempt(**attempt) for attempt in row["attempts"]]
+    return Round(**{**row, "attempts": attempts, "skipped": [Shot(**shot) for shot in row.get("skipped", [])]})
 
 
 def _write_attempts(path: Path, rounds: Sequence[Round]) -> None:

@@ -4,7 +4,7 @@ Paper: "Experiments". The rules are those of the published benchmark code; docs/
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -23,8 +23,8 @@ SCENE, CAMERA, PLANNER = 0, 1, 2  # purposes of random streams
 
 
 @dataclass(frozen=True)
-class Attempt:
-    """One grasp that was executed; lengths in [m], poses row by row.
+class Shot:
+    """One picture of a round: what stood there, and where the camera was; poses row by row, lengths in [m].
 
     Attributes:
         run: number of the run.
@@ -34,6 +34,22 @@ class Attempt:
         scales: factors on their meshes.
         object_poses: their T_world_object.
         camera: T_world_camera.
+    """
+
+    run: int
+    round: int
+    attempt: int
+    scene: list[str]
+    scales: list[float]
+    object_poses: list[list[list[float]]]
+    camera: list[list[float]]
+
+
+@dataclass(frozen=True)
+class Attempt(Shot):
+    """One grasp that was executed, and the picture that it was planned on.
+
+    Attributes:
         pose: T_world_grasp.
         opening: of the hand while it approached.
         score: the planner's.
@@ -47,13 +63,6 @@ class Attempt:
         plan_seconds: time that the planner took.
     """
 
-    run: int
-    round: int
-    attempt: int
-    scene: list[str]
-    scales: list[float]
-    object_poses: list[list[list[float]]]
-    camera: list[list[float]]
     pose: list[list[float]]
     opening: float
     score: float
@@ -79,6 +88,7 @@ class Round:
         left: objects on the table at the end.
         lost: objects that were pushed out of the workspace.
         attempts: the grasps, in their order.
+        skipped: the pictures that were skipped; none in files of earlier versions, which only counted them.
     """
 
     run: int
@@ -88,6 +98,7 @@ class Round:
     left: int
     lost: int
     attempts: list[Attempt]
+    skipped: list[Shot] = field(default_factory=list)
 
     @property
     def successes(self) -> int:
@@ -113,16 +124,18 @@ def play_round(
     scene = round_scene(config, run, index, object_set)
     cell = Workcell(scene, object_set, gripper)
     attempts: list[Attempt] = []
-    failures = skips = lost = 0
-    while len(cell.remaining) and failures < FAILURES_IN_A_ROW and skips < SKIPS:
-        number = len(attempts) + skips
+    skipped: list[Shot] = []
+    failures = lost = 0
+    while len(cell.remaining) and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS:
+        number = len(attempts) + len(skipped)
         now = cell.scene()
         observation = look(config, run, index, number, now, object_set, gripper, planner.needs_truth)
         start = time.perf_counter()
         plan = planner.plan(observation)
         seconds = time.perf_counter() - start
+        shot = _shot(run, index, number, now, observation)
         if len(plan) == 0:
-            skips += 1
+            skipped.append(shot)
             continue
         opening = gripper.max_opening if config.full_opening else float(plan.openings[0])
         execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
@@ -131,13 +144,7 @@ def play_round(
         names = {i: placed.name for i, placed in enumerate(scene.objects)} | {TABLE: "table"}
         attempts.append(
             Attempt(
-                run=run,
-                round=index,
-                attempt=number,
-                scene=[placed.name for placed in now.objects],
-                scales=[placed.scale for placed in now.objects],
-                object_poses=[placed.T_world_object.tolist() for placed in now.objects],
-                camera=observation.T_world_camera.tolist(),
+                **asdict(shot),
                 pose=plan.poses[0].tolist(),
                 opening=opening,
                 score=float(plan.scores[0]),
@@ -151,7 +158,19 @@ def play_round(
                 plan_seconds=seconds,
             )
         )
-    return Round(run, index, len(scene.objects), skips, len(cell.remaining), lost, attempts)
+    return Round(run, index, len(scene.objects), len(skipped), len(cell.remaining), lost, attempts, skipped)
+
+
+def _shot(run: int, index: int, number: int, scene: Scene, observation: Observation) -> Shot:
+    return Shot(
+        run=run,
+        round=index,
+        attempt=number,
+        scene=[placed.name for placed in scene.objects],
+        scales=[placed.scale for placed in scene.objects],
+        object_poses=[placed.T_world_object.tolist() for placed in scene.objects],
+        camera=observation.T_world_camera.tolist(),
+    )
 
 
 def look(

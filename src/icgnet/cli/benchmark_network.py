@@ -107,7 +107,8 @@ class Reconstruction(_OnPictures):
         console.print(_reconstruction_table(numbers))
         console.print(_reconstruction_lines(numbers), soft_wrap=True)
         rows = [asdict(scene) for scene in scenes]
-        write_report(self.out, {**asdict(numbers), "settings": self._settings(), "rows": rows})
+        report = {"benchmark": "reconstruction", **asdict(numbers)}
+        write_report(self.out, {**report, "settings": self._settings(), "rows": rows})
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,8 @@ class Segmentation(_OnPictures):
         console.print(_confusion_table(numbers))
         console.print(f"{numbers.objects} visible objects in {numbers.scenes} scenes; {numbers.predicted} predicted")
         rows = [asdict(scene) for scene in scenes]
-        write_report(self.out, {**asdict(numbers), "settings": self._settings(), "rows": rows})
+        report = {"benchmark": "segmentation", **asdict(numbers)}
+        write_report(self.out, {**report, "settings": self._settings(), "rows": rows})
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,8 @@ class Latency(_OnPictures):
         console.print(_latency_table(numbers))
         console.print(_latency_line(numbers, size), soft_wrap=True)
         settings = self._settings() | {"input": self.input, "repeats": self.repeats, "preset": self.preset}
-        write_report(self.out, {**asdict(numbers), "model": asdict(size), "settings": settings})
+        report = {"benchmark": "latency", **asdict(numbers), "model": asdict(size)}
+        write_report(self.out, {**report, "settings": settings})
 
     def _predictor(self) -> "Predictor":
         if self.preset is None:
@@ -240,7 +243,7 @@ def _segmentation_table(numbers: "SegmentationNumbers") -> Table:
     table = Table("percent ± std over scenes", "all scenes", "95 %")
     labels = {
         "instance mIoU": numbers.instance_miou,
-        "AP50, ranked by class probability": numbers.ap50,
+        "AP50, ranked by the object's score": numbers.ap50,
         "panoptic quality, any class": numbers.pq,
         "  segmentation quality": numbers.sq,
         "  recognition quality": numbers.rq,
@@ -283,9 +286,9 @@ def _latency_table(numbers: "LatencyNumbers") -> Table:
 def _latency_line(numbers: "LatencyNumbers", size: "ModelSize") -> str:
     from icgnet.benchmark.record import origin
 
-    file = "" if size.file_megabytes is None else f", {size.file_megabytes:.1f} MB on disk"
+    file = "" if size.file_bytes is None else f", {size.file_bytes / 1e6:.1f} MB on disk"
     return (
         f"{numbers.calls} calls; {numbers.points:.0f} points, {numbers.objects:.1f} objects, "
         f"{numbers.grasps:.0f} grasps; {numbers.device}, {numbers.threads} threads, {origin().processor}; "
-        f"{size.parameters / 1e6:.2f} M parameters, {size.megabytes:.1f} MB in memory{file}"
+        f"{size.parameters / 1e6:.2f} M parameters, {size.bytes / 1e6:.1f} MB in memory{file}"
     )
