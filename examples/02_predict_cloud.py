@@ -25,9 +25,9 @@ def main() -> None:
     result = predictor.predict_cloud(points, viewpoint=eye, table_height=0.05)
 
     # The grasp frame lies between the finger tips; the robot moves its hand link.
-    hand_poses = result.grasps.poses @ predictor.gripper.T_grasp_base
-    openings = predictor.gripper.opening(result.grasps.widths)
-    for pose, opening, score in list(zip(hand_poses, openings, result.grasps.scores, strict=True))[:5]:
+    grasps = result.grasps
+    hand_poses = grasps.poses @ predictor.gripper.T_grasp_base
+    for pose, opening, score in list(zip(hand_poses, grasps.openings, grasps.scores, strict=True))[:5]:
         print(f"score {score:.2f}: open to {1e3 * opening:.0f} mm, hand link at {pose[:3, 3].round(3)} m")
     print("took", {stage: f"{duration:.0f} ms" for stage, duration in result.timings_ms.items()})
 

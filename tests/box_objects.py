@@ -55,7 +55,7 @@ def predicted(meshes: list[trimesh.Trimesh], points: np.ndarray, labels: np.ndar
     """A prediction of these shapes, in a cloud whose points belong to them."""
     return Prediction(
         objects=tuple(
-            DetectedObject(number, "box", 0.9, points[labels == number], lambda mesh=mesh: mesh)
+            DetectedObject(number, 0.8, "box", 0.9, points[labels == number], lambda mesh=mesh: mesh)
             for number, mesh in enumerate(meshes)
         ),
         grasps=Grasps.empty(),

@@ -101,7 +101,8 @@ def test_grasps_come_best_first_fit_the_hand_and_stay_above_the_table(in_world):
     grasps, gripper = in_world.grasps, load_gripper()
     assert (np.diff(grasps.scores) <= 0).all()
     assert ((grasps.widths >= 0) & (grasps.widths <= gripper.max_opening)).all()
-    assert not hits_table(grasps.poses, gripper.opening(grasps.widths), gripper, TABLE_HEIGHT).any()
+    np.testing.assert_array_equal(grasps.openings, gripper.opening(grasps.widths))
+    assert not hits_table(grasps.poses, grasps.openings, gripper, TABLE_HEIGHT).any()
     np.testing.assert_allclose(np.linalg.det(grasps.poses[:, :3, :3]), 1.0)
 
 
@@ -173,12 +174,14 @@ def test_a_saved_prediction_reads_back(in_camera, tmp_path):
     in_camera.save(tmp_path / "out")
     loaded = load_prediction(tmp_path / "out")
     np.testing.assert_array_equal(loaded.grasps.poses, in_camera.grasps.poses)
+    np.testing.assert_array_equal(loaded.grasps.openings, in_camera.grasps.openings)
     np.testing.assert_array_equal(loaded.instance_mask, in_camera.instance_mask)
     np.testing.assert_allclose(loaded.cloud.points, in_camera.cloud.points, atol=1e-6)
     for mine, theirs in zip(in_camera.gripper.boxes(0.04), loaded.gripper.boxes(0.04), strict=True):
         np.testing.assert_allclose((*mine.centre, *mine.size), (*theirs.centre, *theirs.size), atol=1e-9)
     for mine, theirs in zip(in_camera.objects, loaded.objects, strict=True):
         assert (mine.class_name, len(mine.points)) == (theirs.class_name, len(theirs.points))
+        assert (mine.score, mine.class_score) == (theirs.score, theirs.class_score)
         assert len(mine.mesh().faces) == len(theirs.mesh().faces)
 
 
@@ -190,6 +193,7 @@ def test_the_saved_files_hold_what_is_promised(in_camera, tmp_path):
     with np.load(tmp_path / "out" / "grasps.npz") as grasps:
         count = len(in_camera.grasps)
         assert grasps["grasps"].shape == (count, 4, 4)
+        np.testing.assert_allclose(grasps["opening"], [entry["opening"] for entry in result["grasps"]])
         assert len(grasps["width"]) == len(grasps["score"]) == len(grasps["instance_id"]) == count
         assert str(grasps["frame_id"]) == "camera"
         assert grasps["class_name"].tolist() == [entry["class_name"] for entry in result["grasps"]]
@@ -213,6 +217,30 @@ def test_a_hand_that_comes_fully_open_is_checked_fully_open(predictor, depth):
     # With 4 cm of clearance every opening is the largest.
     assert rejected(0.0, "full") == rejected(0.04, "predicted")
     assert rejected(0.0, "full") != rejected(0.0, "predicted")
+
+
+def test_a_hand_that_comes_fully_open_is_reported_and_saved_fully_open(predictor, depth, tmp_path):
+    result = predictor.with_search(opening="full").predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT)
+    widest = predictor.gripper.max_opening
+    assert len(result.grasps) > 0
+    assert (result.grasps.openings == widest).all()
+    assert {entry["opening"] for entry in result.to_dict()["grasps"]} == {widest}
+    result.save(tmp_path / "out")
+    assert (load_prediction(tmp_path / "out").grasps.openings == widest).all()
+
+
+def test_objects_say_how_sure_the_network_is_of_them(in_world):
+    scores = [item.score for item in in_world.objects]
+    assert all(0.0 < score <= 1.0 for score in scores)
+    assert [entry["score"] for entry in in_world.to_dict()["objects"]] == scores
+
+
+def test_a_prediction_of_an_earlier_version_is_refused(in_camera, tmp_path):
+    in_camera.save(tmp_path)
+    text = (tmp_path / "result.json").read_text()
+    (tmp_path / "result.json").write_text(text.replace("icgnet prediction 2", "icgnet prediction 1"))
+    with pytest.raises(DataError, match="prediction 2' but 'icgnet prediction 1': predict again"):
+        load_prediction(tmp_path)
 
 
 def test_a_search_for_no_grasps_is_refused():

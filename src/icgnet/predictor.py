@@ -225,7 +225,7 @@ class _Clock:
 def _detected(
     number: int, parts: Int[np.ndarray, "i"], shapes: list[Shape], tabletop: Tabletop, cloud: PointCloud
 ) -> DetectedObject:
-    """The object of this number; its class is that of its largest part."""
+    """The object of this number; its score and class are those of its largest part."""
     own = [shapes[index] for index in np.flatnonzero(parts == number)]
     largest = max((shape.instance for shape in own), key=lambda item: len(item.rows))
 
@@ -234,6 +234,7 @@ def _detected(
 
     return DetectedObject(
         instance_id=number,
+        score=largest.score,
         class_name=largest.class_name,
         class_score=largest.class_score,
         points=cloud.points[np.sort(np.concatenate([shape.instance.rows for shape in own]))],

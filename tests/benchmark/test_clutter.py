@@ -1,14 +1,16 @@
 import json
-from dataclasses import asdict, replace
+from contextlib import closing
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 
-from icgnet.benchmark.clutter import ROUNDS_FILE, run_clutter, summarise
+from icgnet.benchmark.clutter import ROUNDS_FILE, ClutterJob, run_clutter, summarise
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.planners.registry import PlannerSource
-from icgnet.benchmark.rounds import Attempt, Round, play_round, round_scene
+from icgnet.benchmark.planners.registry import BUILT_IN, PlannerSource
+from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
+from icgnet.datagen.pool import local_pool
 from icgnet.errors import DataError, InputError
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
@@ -90,6 +92,74 @@ def test_a_round_begins_with_the_same_scene_and_camera_for_every_planner(world):
     beside = play_round(CHANCE, 1, 1, AlwaysBeside(), *world)
     other = play_round(replace(CHANCE, protocol="strict"), 1, 1, AlwaysBeside(), *world)
     assert [each.camera for each in beside.attempts] == [each.camera for each in other.attempts]
+
+
+def job_of(planner: str, world, **changes) -> ClutterJob:
+    """A benchmark that has a round 17 of run 2."""
+    return ClutterJob(replace(CHANCE, planner=PlannerSource(planner), runs=3, rounds=18, **changes), *world)
+
+
+def play(job: ClutterJob, numbers: list[int], workers: int) -> dict[tuple[int, int], Round]:
+    """Rounds by run and number, without the times."""
+    with closing(local_pool(job, workers)) as pool:
+        played = {(each.run, each.round): each for each in pool.make(numbers)}
+    timeless = {key: [replace(each, plan_seconds=0.0) for each in found.attempts] for key, found in played.items()}
+    return {key: replace(found, attempts=timeless[key]) for key, found in played.items()}
+
+
+def first_picture(played: Round) -> Shot:
+    """What stood there at the start, and where the camera was, whatever came of it."""
+    first = min((*played.attempts, *played.skipped), key=lambda each: each.attempt)
+    return Shot(**{field.name: getattr(first, field.name) for field in fields(Shot)})
+
+
+RUN, ROUND = 2, 17
+NUMBER = RUN * 18 + ROUND
+
+
+@pytest.fixture(scope="module")
+def by_chance(world) -> Round:
+    return play(job_of("random", world), [NUMBER], workers=1)[RUN, ROUND]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("planner", sorted(set(BUILT_IN) - {"random"}))
+def test_round_17_of_run_2_begins_alike_for_every_built_in_planner(planner, world, by_chance):
+    played = play(job_of(planner, world), [NUMBER], workers=1)[RUN, ROUND]
+    assert played.placed == by_chance.placed > 1
+    assert first_picture(played) == first_picture(by_chance)
+    assert played.attempts != by_chance.attempts, "the planners do differ"
+
+
+@pytest.mark.slow
+def test_round_17_of_run_2_is_the_same_for_any_number_of_workers(world, by_chance):
+    played = play(job_of("random", world), [ROUND, NUMBER], workers=2)
+    assert played[RUN, ROUND] == by_chance
+    assert first_picture(played[0, ROUND]).camera != first_picture(by_chance).camera, "other runs have other rounds"
+
+
+def test_another_seed_gives_another_round_17_of_run_2(world, by_chance):
+    other = round_scene(job_of("random", world, seed=CHANCE.seed + 1).config, RUN, ROUND, world[0])
+    assert [placed.T_world_object.tolist() for placed in other.objects] != first_picture(by_chance).object_poses
+
+
+def test_the_report_has_what_others_read(tmp_path):
+    """Its rounds are there already, so that nothing is played."""
+    won, missed = asdict(attempt(True)), asdict(attempt(False))
+    rounds = [
+        {"run": run, "round": number, "placed": 2, "skips": 1, "left": 1, "lost": 0, "attempts": [won, missed]}
+        for run in range(CHANCE.runs)
+        for number in range(CHANCE.rounds)
+    ]
+    (tmp_path / ROUNDS_FILE).write_text("".join(json.dumps(each) + "\n" for each in rounds))
+    run_clutter(CHANCE, tmp_path)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["gsr"]["mean"] == report["dr"]["mean"] == 50.0
+    assert {"mean", "std", "low", "high"} == report["gsr"].keys() == report["dr"].keys()
+    assert (report["attempts"], report["rounds"], report["protocol"]) == (8, 4, "edge")
+    assert report["failures"] == {"missed": 4, "nothing found": 4}
+    assert {"settings", "origin"} <= report.keys()
+    assert len((tmp_path / "attempts.jsonl").read_text().splitlines()) == 8
 
 
 @pytest.mark.slow

@@ -1,16 +1,20 @@
 """Instance metrics on labels of which the answer is known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
+from box_objects import predicted as predicted_scene
 from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
     SceneMasks,
     compare_masks,
     label_overlaps,
+    labelling,
     panoptic_quality,
     summarise,
 )
@@ -62,6 +66,16 @@ def test_an_object_in_two_pieces_is_one_match_and_one_invention():
     # The wrong piece is the surer one, so the right one comes with precision 1/2.
     assert numbers.ap50.mean == pytest.approx(50.0)
     assert numbers.confusion["invented"]["ball"] == 1
+
+
+def test_objects_are_ranked_by_their_own_score_and_not_by_that_of_their_class():
+    points = labels(a0=70, b1=30)
+    pieces = predicted_scene([trimesh.Trimesh()] * 2, np.zeros((100, 3)), points)
+    sure_of_class = (replace(pieces.objects[0], score=0.9, class_score=0.3), replace(pieces.objects[1], score=0.4))
+    answer = labelling(replace(pieces, objects=sure_of_class))
+    assert answer.scores.tolist() == [0.9, 0.4]
+    # The right piece is the surer one, so that the wrong one costs nothing.
+    assert summarise([compare_masks(0, answer, truth(labels(a0=100), "box"))]).ap50.mean == pytest.approx(100.0)
 
 
 def test_a_wrong_class_costs_class_quality_only(perfect):

@@ -157,6 +157,6 @@ def test_a_folder_that_says_nothing_of_its_objects_is_read_but_not_continued(obj
 def test_the_command_line_warns_of_each_object_that_is_left_out(broken, tmp_path, capsys):
     options = ["--objects", str(broken), "--scene", "pile", "--scenes", "1", "--contacts", "1"]
     assert main(["generate", str(tmp_path / "out"), *options]) == 0
-    out = capsys.readouterr().out
-    assert out.count("is left out") == 5
-    assert "warning: pile/lost is left out: " in out
+    error = capsys.readouterr().err
+    assert error.count("is left out") == 5
+    assert "warning: pile/lost is left out: " in error

@@ -73,3 +73,9 @@ def test_an_error_of_the_system_says_what_it_is(tmp_path):
 def test_json_comes_back(tmp_path):
     write_json(tmp_path / "new" / "file.json", {"a": [1, 2]})
     assert json.loads((tmp_path / "new" / "file.json").read_text()) == {"a": [1, 2]}
+
+
+def test_numbers_that_are_not_finite_become_null(tmp_path):
+    write_json(tmp_path / "a.json", {"rate": {"mean": float("nan")}, "rows": [float("inf"), 1.5, "text"]})
+    values = json.loads((tmp_path / "a.json").read_text(), parse_constant=lambda name: pytest.fail(name))
+    assert values == {"rate": {"mean": None}, "rows": [None, 1.5, "text"]}

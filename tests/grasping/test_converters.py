@@ -45,7 +45,14 @@ def random_grasps(seed: int) -> Grasps:
     poses = random_poses(seed)
     count = len(poses)
     scores, instances = rng.uniform(size=count), rng.integers(5, size=count)
-    return grasps_from_poses(poses, rng.uniform(0.0, 0.06, count), scores, instances, franka.finger_reach)
+    widths = rng.uniform(0.0, 0.06, count)
+    return grasps_from_poses(poses, widths, franka.opening(widths), scores, instances, franka.finger_reach)
+
+
+def from_above(opening: float) -> Grasps:
+    """One grasp of an object 5 cm wide."""
+    numbers = (np.array([0.05]), np.array([opening]), np.array([0.9]), np.array([3]))
+    return grasps_from_poses(FROM_ABOVE, *numbers, franka.finger_reach)
 
 
 PAIRS = {
@@ -96,8 +103,7 @@ def test_graspgen_pose_of_a_hand_worked_grasp():
 
 
 def test_graspnet_row_of_a_hand_worked_grasp():
-    grasps = grasps_from_poses(FROM_ABOVE, np.array([0.05]), np.array([0.9]), np.array([3]), franka.finger_reach)
-    row = to_graspnet(grasps, franka, depth=0.03)[0]
+    row = to_graspnet(from_above(0.062), depth=0.03)[0]
     assert row.shape == (17,)
     assert np.allclose(row[:4], [0.9, 0.062, 0.02, 0.03])  # score, width of the open hand, height, depth
     rotation = row[4:13].reshape(3, 3)
@@ -111,10 +117,10 @@ def test_graspnet_row_of_a_hand_worked_grasp():
 @given(seeds, st.floats(0.0, 0.04))
 def test_graspnet_round_trip(seed, depth):
     grasps = random_grasps(seed)
-    rows = to_graspnet(grasps, franka, depth)
+    rows = to_graspnet(grasps, depth)
     assert np.abs(np.linalg.det(rows[:, 4:13].reshape(-1, 3, 3)) - 1).max() < 1e-9
     back = from_graspnet(rows, franka)
-    for field in ("poses", "widths", "scores", "instances", "contacts", "angles"):
+    for field in ("poses", "widths", "openings", "scores", "instances", "contacts", "angles"):
         assert np.allclose(getattr(back, field), getattr(grasps, field), atol=1e-12)
 
 
@@ -125,8 +131,7 @@ def test_graspnet_rows_of_another_length_are_refused(shape):
 
 
 def test_moveit_message_of_a_hand_worked_grasp():
-    grasps = grasps_from_poses(FROM_ABOVE, np.array([0.05]), np.array([0.9]), np.array([3]), franka.finger_reach)
-    message = to_moveit(grasps, franka, "base", T_base_parent=np.eye(4))[0]
+    message = to_moveit(from_above(0.062), franka, "base", T_base_parent=np.eye(4))[0]
     assert message["grasp_pose"]["header"]["frame_id"] == "base"
     pose = message["grasp_pose"]["pose"]
     assert pose["position"] == pytest.approx({"x": 0.1, "y": 0.2, "z": 0.4123})
@@ -141,8 +146,7 @@ def test_moveit_message_of_a_hand_worked_grasp():
 
 
 def test_moveit_pose_is_that_of_the_arm_flange_by_default():
-    grasps = grasps_from_poses(FROM_ABOVE, np.array([0.05]), np.array([0.9]), np.array([3]), franka.finger_reach)
-    pose = to_moveit(grasps, franka, "base")[0]["grasp_pose"]["pose"]
+    pose = to_moveit(from_above(0.062), franka, "base")[0]["grasp_pose"]["pose"]
     # The Franka hand is mounted on panda_link8 turned by -45 degrees about z, at the same origin.
     assert pose["position"] == pytest.approx({"x": 0.1, "y": 0.2, "z": 0.4123})
     c, s = np.cos(np.pi / 8), np.sin(np.pi / 8)
@@ -156,7 +160,7 @@ def test_moveit_round_trip_through_json(seed):
     grasps = random_grasps(seed)
     back = from_moveit(json.loads(json.dumps(to_moveit(grasps, franka, "world"))), franka)
     assert np.abs(np.linalg.det(back.poses[:, :3, :3]) - 1).max() < 1e-9
-    for field in ("poses", "widths", "scores", "contacts", "angles"):
+    for field in ("poses", "widths", "openings", "scores", "contacts", "angles"):
         assert np.allclose(getattr(back, field), getattr(grasps, field), atol=1e-9)
     assert (back.instances == -1).all()
 
@@ -177,8 +181,17 @@ def test_moveit_messages_have_exactly_the_fields_of_the_definition():
     }
 
 
+def test_a_hand_that_comes_fully_open_is_told_so_to_other_software():
+    fully = from_above(franka.max_opening)
+    assert to_graspnet(fully)[0, 1] == franka.max_opening
+    message = to_moveit(fully, franka, "base")[0]
+    assert sum(message["pre_grasp_posture"]["points"][0]["positions"]) == pytest.approx(franka.max_opening)
+    assert sum(message["grasp_posture"]["points"][0]["positions"]) == pytest.approx(0.05)
+    assert from_moveit([message], franka).openings == pytest.approx([franka.max_opening])
+
+
 def test_no_grasps_become_no_rows_and_no_messages():
-    assert to_graspnet(Grasps.empty(), franka).shape == (0, 17)
+    assert to_graspnet(Grasps.empty()).shape == (0, 17)
     assert len(from_graspnet(np.zeros((0, 17)), franka)) == 0
     assert to_moveit(Grasps.empty(), franka, "world") == []
     assert len(from_moveit([], franka)) == 0
@@ -190,6 +203,7 @@ def test_contact_and_angle_are_found_again_from_the_pose(polar, azimuth, width):
     normal = np.array([[np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]])
     contact = np.array([[0.1, 0.2, 0.15]])
     poses = grasp_poses(contact, normal, np.array([width]), franka.finger_reach)[0]
-    found = grasps_from_poses(poses, np.full(12, width), np.ones(12), np.zeros(12, dtype=int), franka.finger_reach)
+    widths, openings = np.full(12, width), np.full(12, 0.08)
+    found = grasps_from_poses(poses, widths, openings, np.ones(12), np.zeros(12, dtype=int), franka.finger_reach)
     assert found.angles.tolist() == list(range(12))
     assert np.allclose(found.contacts, contact, atol=1e-12)

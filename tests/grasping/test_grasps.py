@@ -11,7 +11,8 @@ def some_grasps(count: int, seed: int = 0) -> Grasps:
     rotations = np.stack([random_rotation(rng) for _ in range(count)]) if count else np.zeros((0, 3, 3))
     return Grasps(
         poses=make_transform(rotations, rng.uniform(0, 0.3, (count, 3))),
-        widths=rng.uniform(0.01, 0.08, count),
+        widths=rng.uniform(0.01, 0.06, count),
+        openings=rng.uniform(0.07, 0.08, count),
         scores=rng.uniform(size=count),
         instances=rng.integers(5, size=count),
         contacts=rng.uniform(0, 0.3, (count, 3)),
@@ -20,7 +21,7 @@ def some_grasps(count: int, seed: int = 0) -> Grasps:
 
 
 def assert_same(first: Grasps, second: Grasps, atol: float = 0.0) -> None:
-    for field in ("poses", "widths", "scores", "instances", "contacts", "angles"):
+    for field in ("poses", "widths", "openings", "scores", "instances", "contacts", "angles"):
         assert np.allclose(getattr(first, field), getattr(second, field), atol=atol)
 
 

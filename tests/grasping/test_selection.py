@@ -25,6 +25,7 @@ def grasps_at(positions, scores=None, rotations=DOWN, instances=None) -> Grasps:
     return Grasps(
         poses=make_transform(np.broadcast_to(rotations, (count, 3, 3)), positions),
         widths=np.full(count, 0.04),
+        openings=np.full(count, 0.052),
         scores=np.linspace(0.9, 0.1, count) if scores is None else np.asarray(scores, dtype=float),
         instances=np.zeros(count, dtype=np.int64) if instances is None else np.asarray(instances),
         contacts=positions.copy(),

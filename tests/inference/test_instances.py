@@ -7,6 +7,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.inference.instances import EncodedWindow, Instance, encode_windows, instances_of, keep_one_of_each
 from icgnet.inference.tabletop import Tabletop
 from icgnet.inference.windows import Window
+from icgnet.network.instances import select_instances
 from tabletop_scenes import tiny_network
 
 
@@ -25,7 +26,7 @@ def views(points) -> list[EncodedWindow]:
 
 
 def between(points, view, low, high):
-    return Instance(view, 0, "box", 0.9, np.flatnonzero((points[:, 0] >= low) & (points[:, 0] < high)))
+    return Instance(view, 0, 0.8, "box", 0.9, np.flatnonzero((points[:, 0] >= low) & (points[:, 0] < high)))
 
 
 def test_windows_hold_the_points_in_their_cube(points, views):
@@ -37,6 +38,12 @@ def test_no_point_of_a_window_is_claimed_twice(views):
     rows = np.concatenate([item.rows for item in instances_of(views[0])])
     assert len(rows) > 0
     assert len(np.unique(rows)) == len(rows)
+
+
+def test_instances_carry_the_scores_that_the_network_ranks_them_by(views):
+    scores = [item.score for item in instances_of(views[0])]
+    assert scores == select_instances(views[0].embedding.stages[-1]).scores.tolist()
+    assert all(0.0 < score <= 1.0 for score in scores)
 
 
 def test_the_window_around_an_object_is_preferred_over_one_that_cuts_it(points, views):

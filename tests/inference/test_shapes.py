@@ -53,7 +53,7 @@ def shapes(tabletop) -> list[Shape]:
     points = tabletop.cloud.points
     (view,) = encode_windows(network, tabletop, [Window(ORIGIN)])
     rows = np.array_split(np.arange(len(points)), 2)
-    return [Shape.around(network, Instance(view, k, "ball", 1.0, rows[k]), points[rows[k]]) for k in range(2)]
+    return [Shape.around(network, Instance(view, k, 1.0, "ball", 1.0, rows[k]), points[rows[k]]) for k in range(2)]
 
 
 def test_the_mesh_is_the_whole_ball_in_the_table_frame(shapes):
@@ -110,7 +110,15 @@ def from_above(ball: int, direction: np.ndarray) -> Grasps:
     width = np.array([2 * RADIUS])
     poses = grasp_poses(contact[None], direction[None], width)[0]
     vertical = int(poses[:, 2, 2].argmin())
-    return Grasps(poses[[vertical]], width, np.array([0.9]), np.array([ball]), contact[None], np.array([vertical]))
+    return Grasps(
+        poses=poses[[vertical]],
+        widths=width,
+        openings=load_gripper().opening(width),
+        scores=np.array([0.9]),
+        instances=np.array([ball]),
+        contacts=contact[None],
+        angles=np.array([vertical]),
+    )
 
 
 def check(grasps: Grasps, shapes: list[Shape], tabletop: Tabletop) -> tuple[Grasps, dict[str, int]]:

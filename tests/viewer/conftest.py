@@ -40,6 +40,7 @@ def make_prediction() -> Callable[..., Prediction]:
                 Grasps(
                     poses,
                     np.full(grasps_each, 0.05),
+                    np.full(grasps_each, 0.062),
                     np.linspace(0.95 - 0.1 * k, 0.5, grasps_each),
                     np.full(grasps_each, k),
                     poses[:, :3, 3],
@@ -47,7 +48,8 @@ def make_prediction() -> Callable[..., Prediction]:
                 )
             )
             placed = mesh.copy().apply_transform(T)
-            objects.append(DetectedObject(k, names[k], 0.9, transform_points(T, cloud), lambda placed=placed: placed))
+            points_in_frame = transform_points(T, cloud)
+            objects.append(DetectedObject(k, 0.8, names[k], 0.9, points_in_frame, lambda placed=placed: placed))
             points.append(cloud)
             instances.append(np.full(len(cloud), k))
         stray = np.column_stack([np.full(20, 0.28), np.linspace(0.02, 0.28, 20), np.full(20, 0.06)])

@@ -36,7 +36,8 @@ def grasps_on(centres: np.ndarray, each: int) -> Grasps:
     normals = np.tile([0.0, 1.0, 0.0], (len(owners), 1))
     poses = grasp_poses(contacts, normals, np.full(len(owners), CUBE))[:, 6]
     scores = np.tile(np.linspace(0.9, 0.5, each), len(centres))
-    return Grasps(poses, np.full(len(owners), CUBE), scores, owners, contacts, np.full(len(owners), 6))
+    widths = np.full(len(owners), CUBE)
+    return Grasps(poses, widths, GRIPPER.opening(widths), scores, owners, contacts, np.full(len(owners), 6))
 
 
 @pytest.fixture(autouse=True)

@@ -116,3 +116,10 @@ def test_best_per_object_keeps_the_best_of_each(make_prediction):
 
 def test_the_summary_counts_and_adds_up_the_stages(make_prediction):
     assert summary(make_prediction(grasps_each=1)) == "2 objects  ·  2 grasps  ·  200 ms"
+
+
+def test_hands_are_drawn_as_far_open_as_they_were_checked(make_prediction):
+    found = make_prediction()
+    fully = replace(found, grasps=replace(found.grasps, openings=np.full(len(found.grasps), 0.08)))
+    differing = np.asarray(prediction_picture(found)) != np.asarray(prediction_picture(fully))
+    assert differing.any(axis=2).sum() > 200

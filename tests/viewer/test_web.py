@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from urllib.error import URLError
 
+import numpy as np
 import pytest
 
 from icgnet.errors import DataError
+from icgnet.viewer.triangles import THICKNESS
 from icgnet.viewer.web import WebViewer, open_viewer
 
 
@@ -46,6 +48,16 @@ def test_the_score_threshold_and_the_object_switches_hide_hands(viewer):
     viewer._count.value = 20
     viewer._update()
     assert viewer.visible_hands() == 3
+
+
+def test_hands_are_shown_as_far_open_as_they_were_checked(make_prediction):
+    found = make_prediction(grasps_each=1)
+    fully = replace(found, grasps=replace(found.grasps, openings=np.full(2, 0.08)))
+    viewer = open_viewer(fully, port=free_port())
+    try:
+        assert [np.ptp(hand.slim.vertices[:, 1]) for hand in viewer._hands] == pytest.approx([0.08 + 2 * THICKNESS] * 2)
+    finally:
+        viewer.stop()
 
 
 def test_an_empty_prediction_can_be_viewed(make_prediction):

@@ -16,8 +16,8 @@ import numpy as np
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.planners.registry import PlannerSource, load_planner
-from icgnet.benchmark.record import write_report
-from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round
+from icgnet.benchmark.record import REPORT_FILE, write_report
+from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
 from icgnet.datagen.files import new_file, write_json
 from icgnet.datagen.lock import locked
 from icgnet.datagen.pool import local_pool
@@ -109,7 +109,7 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
     runs = sorted({each.run for each in rounds})
     attempts = [attempt for each in rounds for attempt in each.attempts]
     failures = Counter(attempt.cause for attempt in attempts if not attempt.success)
-    failures["nothing found"] = sum(each.skips for each in rounds)
+    failures[NOTHING_FOUND] = sum(each.skips for each in rounds)
     by_run = [[each for each in rounds if each.run == run] for run in runs]
     tries = [sum(len(each.attempts) for each in own) for own in by_run]
     placed = [sum(each.placed for each in own) for own in by_run]
@@ -164,7 +164,7 @@ def run_clutter(
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _check_config(out / CONFIG_FILE, config)
-        rounds = _read_rounds(out / ROUNDS_FILE)
+        rounds = read_rounds(out / ROUNDS_FILE)
         on_round(rounds)
         done = {each.run * config.rounds + each.round for each in rounds}
         missing = [number for number in range(config.runs * config.rounds) if number not in done]
@@ -176,9 +176,11 @@ def run_clutter(
                 on_round(rounds)
         rounds.sort(key=lambda each: (each.run, each.round))
         numbers = summarise(rounds)
-        _write_attempts(out / ATTEMPTS_FILE, rounds)
-        report = {"benchmark": "clutter", **asdict(numbers), "protocol": config.protocol}
-        write_report(out, {**report, "settings": settings(config)})
+        # The report of a finished benchmark goes on naming the code that made it.
+        if missing or not (out / REPORT_FILE).is_file():
+            _write_attempts(out / ATTEMPTS_FILE, rounds)
+            report = {"benchmark": "clutter", **asdict(numbers), "protocol": config.protocol}
+            write_report(out, {**report, "settings": settings(config)})
     return numbers
 
 
@@ -206,7 +208,7 @@ def _check_config(path: Path, config: ClutterConfig) -> None:
     write_json(path, now)
 
 
-def _read_rounds(path: Path) -> list[Round]:
+def read_rounds(path: Path) -> list[Round]:
     """The finished rounds of a file; a last line that was cut off by a kill is cut away."""
     if not path.is_file():
         return []

@@ -62,13 +62,13 @@ class ModelSize:
 
     Attributes:
         parameters: number of trained values.
-        megabytes: of them in memory [MB].
-        file_megabytes: of the weights file [MB], if there is one.
+        bytes: that they take in memory.
+        file_bytes: size of the weights file, if there is one.
     """
 
     parameters: int
-    megabytes: float
-    file_megabytes: float | None
+    bytes: int
+    file_bytes: int | None
 
 
 def untrained_predictor(preset: str, threads: int | None = None) -> Predictor:
@@ -92,8 +92,8 @@ def model_size(network: IcgNet, weights: Path | None) -> ModelSize:
     parameters = list(network.parameters())
     return ModelSize(
         parameters=sum(p.numel() for p in parameters),
-        megabytes=sum(p.numel() * p.element_size() for p in parameters) / 1e6,
-        file_megabytes=None if weights is None else weights.stat().st_size / 1e6,
+        bytes=sum(p.numel() * p.element_size() for p in parameters),
+        file_bytes=None if weights is None else weights.stat().st_size,
     )
 
 

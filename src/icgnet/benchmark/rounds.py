@@ -10,7 +10,7 @@ import numpy as np
 
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation, Truth, observe
-from icgnet.benchmark.planner import Planner
+from icgnet.benchmark.planner import Plan, Planner
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import Scene
@@ -19,6 +19,7 @@ from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
 OBJECTS = 5  # tried for in every scene
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # so many end a round
+NOTHING_FOUND = "nothing found"  # the cause that pictures are skipped for
 SCENE, CAMERA, PLANNER = 0, 1, 2  # purposes of random streams
 
 
@@ -137,28 +138,40 @@ def play_round(
         if len(plan) == 0:
             skipped.append(shot)
             continue
-        opening = gripper.max_opening if config.full_opening else float(plan.openings[0])
-        execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
-        failures = 0 if execution.success else failures + 1
-        lost += len(execution.lost)
-        names = {i: placed.name for i, placed in enumerate(scene.objects)} | {TABLE: "table"}
-        attempts.append(
-            Attempt(
-                **asdict(shot),
-                pose=plan.poses[0].tolist(),
-                opening=opening,
-                score=float(plan.scores[0]),
-                success=execution.success,
-                cause=execution.cause.value,
-                target=names[execution.target],
-                target_class=object_set.class_name(names[execution.target]),
-                held=[names[i] for i in execution.held],
-                touched=[names[i] for i in execution.touched if i != execution.target],
-                lost=[names[i] for i in execution.lost],
-                plan_seconds=seconds,
-            )
-        )
+        attempts.append(carry_out(config, cell, shot, plan, scene, object_set, gripper, seconds))
+        failures = 0 if attempts[-1].success else failures + 1
+        lost += len(attempts[-1].lost)
     return Round(run, index, len(scene.objects), len(skipped), len(cell.remaining), lost, attempts, skipped)
+
+
+def carry_out(
+    config: ClutterConfig,
+    cell: Workcell,
+    shot: Shot,
+    plan: Plan,
+    scene: Scene,
+    object_set: ObjectSet,
+    gripper: Gripper,
+    plan_seconds: float,
+) -> Attempt:
+    """Executes the first grasp of a plan in a workcell that began with a scene."""
+    opening = gripper.max_opening if config.full_opening else float(plan.openings[0])
+    execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
+    names = {i: placed.name for i, placed in enumerate(scene.objects)} | {TABLE: "table"}
+    return Attempt(
+        **asdict(shot),
+        pose=plan.poses[0].tolist(),
+        opening=opening,
+        score=float(plan.scores[0]),
+        success=execution.success,
+        cause=execution.cause.value,
+        target=names[execution.target],
+        target_class=object_set.class_name(names[execution.target]),
+        held=[names[i] for i in execution.held],
+        touched=[names[i] for i in execution.touched if i != execution.target],
+        lost=[names[i] for i in execution.lost],
+        plan_seconds=plan_seconds,
+    )
 
 
 def _shot(run: int, index: int, number: int, scene: Scene, observation: Observation) -> Shot:

@@ -76,7 +76,8 @@ class SegmentationNumbers:
 
     Attributes:
         instance_miou: mean best overlap of the true objects.
-        ap50: average precision of the predicted objects at an overlap of 0.5, whatever their class.
+        ap50: average precision of the predicted objects at an overlap of 0.5, ranked by their scores, whatever their
+            class.
         pq: panoptic quality whatever the classes: `sq` times `rq`.
         sq: mean overlap of the matches.
         rq: F1 of finding objects.
@@ -131,11 +132,11 @@ def score_masks(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[S
 
 
 def labelling(prediction: Prediction) -> Labelling:
-    """The objects that the network found; the probability of its class is the only score that an object has."""
+    """The objects that the network found, with its own scores."""
     return Labelling(
         prediction.cloud_instances,
         tuple(item.class_name for item in prediction.objects),
-        np.array([item.class_score for item in prediction.objects]),
+        np.array([item.score for item in prediction.objects]),
     )
 
 

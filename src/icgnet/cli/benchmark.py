@@ -11,6 +11,8 @@ from rich.table import Table
 from icgnet.benchmark.record import write_report
 from icgnet.cli.benchmark_clutter import Clutter
 from icgnet.cli.benchmark_network import Latency, Reconstruction, Segmentation
+from icgnet.cli.benchmark_report import Report
+from icgnet.cli.notices import load_objects
 
 if TYPE_CHECKING:
     from icgnet.benchmark.simulation import Agreement, SceneNumbers, Trace
@@ -42,9 +44,8 @@ class Simulation:
         """
         from icgnet.benchmark.simulation import measure_agreement, measure_creep, measure_scenes, measure_traces
         from icgnet.grasping.gripper import load_gripper
-        from icgnet.objects.object_set import load_object_set
 
-        object_set, gripper = load_object_set(self.objects), load_gripper()
+        object_set, gripper = load_objects(self.objects), load_gripper()
         console = Console()
         traces = measure_traces(object_set, gripper)
         console.print(_trace_table(traces))
@@ -55,6 +56,7 @@ class Simulation:
         agreement = measure_agreement(object_set, self.split, gripper, self.trials, self.seed)
         console.print(_agreement_table(agreement))
         report = {
+            "benchmark": "simulation",
             "settings": {"objects": str(self.objects), "split": self.split, "seed": self.seed},
             "traces": [asdict(trace) for trace in traces],
             "creep": {name: asdict(hold) for name, hold in holds.items()},
@@ -95,7 +97,7 @@ class Loader:
             soft_wrap=True,
         )
         settings = {"data": [str(folder) for folder in self.data], "preset": self.preset}
-        write_report(self.out, {"settings": settings, "loader": asdict(numbers)})
+        write_report(self.out, {"benchmark": "loader", "settings": settings, "loader": asdict(numbers)})
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,8 @@ class Benchmark:
         | Annotated[Loader, tyro.conf.subcommand("loader")]
         | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
         | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
-        | Annotated[Latency, tyro.conf.subcommand("latency")],
+        | Annotated[Latency, tyro.conf.subcommand("latency")]
+        | Annotated[Report, tyro.conf.subcommand("report")],
         tyro.conf.arg(name=""),
     ]
     """What to measure."""

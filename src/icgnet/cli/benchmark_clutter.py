@@ -10,10 +10,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from icgnet.cli.notices import load_objects
+from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 
 if TYPE_CHECKING:
     from icgnet.benchmark.clutter import ClutterNumbers, Rate
+    from icgnet.benchmark.config import ClutterConfig
     from icgnet.benchmark.rounds import Round
 
 
@@ -53,6 +56,8 @@ class Clutter:
     """CPU threads of the network in each process."""
     search: Annotated[GraspSearch, tyro.conf.arg(name="search")] = BEST_FEW
     """How icgnet looks for grasps; its opening is that of --opening."""
+    gallery: int = 0
+    """Draw so many of the worst failures into the folder's gallery/, the causes mixed; also of a finished benchmark."""
 
     def run(self) -> None:
         """Plays all rounds, and prints the rates and why attempts failed.
@@ -60,6 +65,8 @@ class Clutter:
         Raises:
             IcgnetError: unknown planner or objects, settings out of range, or a folder with another benchmark.
         """
+        if self.gallery < 0:
+            raise InputError(f"gallery must be at least 0 pictures, got {self.gallery}")
         from icgnet.benchmark.clutter import run_clutter, summarise
         from icgnet.benchmark.config import ClutterConfig
         from icgnet.benchmark.planners.registry import PlannerSource
@@ -77,15 +84,9 @@ class Clutter:
             rounds=self.rounds,
             seed=self.seed,
         )
+        load_objects(self.objects)  # the workers load their own; here it says what is left out
         console = Console()
-        columns = (
-            TextColumn("rounds"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.description}"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console) as progress:
+        with _progress(console, "rounds") as progress:
             task = progress.add_task("", total=self.runs * self.rounds)
 
             def show(rounds: Sequence["Round"]) -> None:
@@ -97,19 +98,42 @@ class Clutter:
             f"{self.planner}: {self.scene} scenes of {self.split} objects from {self.objects}, view {self.view}, "
             f"noise {self.noise}, protocol {self.protocol}, opening {'full' if config.full_opening else 'predicted'}"
         )
-        console.print(_table(numbers, title))
+        console.print(_table(numbers, title, self.runs))
+        if self.gallery:
+            self._draw(config, console)
+
+    def _draw(self, config: "ClutterConfig", console: Console) -> None:
+        from icgnet.benchmark.gallery import draw_gallery
+
+        with _progress(console, "pictures") as progress:
+            task = progress.add_task("", total=None)
+            folder = draw_gallery(
+                config, self.out, self.gallery, lambda done, of: progress.update(task, completed=done, total=of)
+            )
+        console.print(f"pictures of the worst attempts: {folder}", soft_wrap=True)
+
+
+def _progress(console: Console, what: str) -> Progress:
+    return Progress(
+        TextColumn(what),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.description}"),
+        TimeRemainingColumn(),
+        console=console,
+    )
 
 
 def _rates_line(numbers: "ClutterNumbers") -> str:
     return f"GSR {numbers.gsr.mean:.1f} DR {numbers.dr.mean:.1f}"
 
 
-def _table(numbers: "ClutterNumbers", title: str) -> Table:
+def _table(numbers: "ClutterNumbers", title: str, runs: int) -> Table:
     table = Table(title=title)
     table.add_column("what")
     table.add_column("value", justify="right")
-    table.add_row("grasp success rate, %", _rate(numbers.gsr))
-    table.add_row("declutter rate, %", _rate(numbers.dr))
+    table.add_row("grasp success rate, %", _rate(numbers.gsr, runs))
+    table.add_row("declutter rate, %", _rate(numbers.dr, runs))
     table.add_row("rounds, objects, attempts", f"{numbers.rounds}, {numbers.objects}, {numbers.attempts}")
     for cause, count in sorted(numbers.failures.items(), key=lambda item: -item[1]):
         table.add_row(cause if cause == "nothing found" else f"failed: {cause}", str(count))
@@ -119,5 +143,6 @@ def _table(numbers: "ClutterNumbers", title: str) -> Table:
     return table
 
 
-def _rate(rate: "Rate") -> str:
-    return f"{rate.mean:.1f} ± {rate.std:.1f} (95 %: {rate.low:.1f} to {rate.high:.1f})"
+def _rate(rate: "Rate", runs: int) -> str:
+    spread = f" ± {rate.std:.1f}" if runs > 1 else ""
+    return f"{rate.mean:.1f}{spread} (95 %: {rate.low:.1f} to {rate.high:.1f})"

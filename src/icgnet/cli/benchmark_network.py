@@ -10,6 +10,7 @@ from rich.progress import Progress, track
 from rich.table import Table
 
 from icgnet.benchmark.record import write_report
+from icgnet.cli.notices import load_objects
 from icgnet.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,10 +60,9 @@ class _OnPictures:
     def _pictures(self, predictor: "Predictor") -> Iterator["Picture"]:
         """The pictures, with a bar that shows how many have been taken."""
         from icgnet.benchmark.pictures import take_pictures
-        from icgnet.objects.object_set import load_object_set
 
         config, console = self._config(), Console(stderr=True)
-        pictures = take_pictures(config, load_object_set(self.objects), predictor.gripper)
+        pictures = take_pictures(config, load_objects(self.objects), predictor.gripper)
         return iter(
             track(pictures, "scenes", config.scenes, console=console, transient=True, disable=not console.is_terminal)
         )

@@ -15,6 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from icgnet.cli.notices import print_notice
+
 COLUMNS = (
     TextColumn("scenes"),
     BarColumn(),
@@ -90,7 +92,7 @@ class Generate:
                 config,
                 self.report,
                 on_progress=show,
-                on_notice=lambda notice: console.print(f"warning: {notice}", soft_wrap=True, markup=False),
+                on_notice=print_notice,
             )
         console.print(
             f"{numbers.scenes} new scenes, {numbers.scenes_found} were there already; {numbers.labels} labels, "

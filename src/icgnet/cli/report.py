@@ -60,15 +60,16 @@ def print_tables(prediction: "Prediction", console: Console) -> None:
 
 def _object_table(prediction: "Prediction") -> Table:
     table = Table(title=f"{len(prediction.objects)} objects")
-    for column in ("id", "class", "probability", "points", "size [cm]", "grasps", "best score"):
-        table.add_column(column, justify="left" if column in ("class", "size [cm]") else "right", no_wrap=True)
+    for column in ("id", "score", "class", "points", "size, cm", "grasps", "best grasp"):
+        table.add_column(column, justify="left" if column in ("class", "size, cm") else "right", no_wrap=True)
     grasps = prediction.grasps
     for item in prediction.objects:
         own = grasps.scores[grasps.instances == item.instance_id]
         mesh = item.mesh()
         size = "-" if mesh.is_empty else " x ".join(f"{100 * edge:.1f}" for edge in mesh.extents)
         best = f"{own.max():.2f}" if len(own) else "-"
-        row = (item.instance_id, item.class_name, f"{item.class_score:.2f}", len(item.points), size, len(own), best)
+        name = f"{item.class_name} {100 * item.class_score:.0f}%"
+        row = (item.instance_id, f"{item.score:.2f}", name, len(item.points), size, len(own), best)
         table.add_row(*map(str, row))
     return table
 
@@ -77,13 +78,17 @@ def _grasp_table(prediction: "Prediction") -> Table:
     grasps = prediction.grasps
     shown = f", the best {MOST_GRASPS}" if len(grasps) > MOST_GRASPS else ""
     table = Table(title=f"{len(grasps)} grasps in the frame {prediction.frame_id!r}{shown}")
-    for column in ("score", "object", "width [mm]", "position x y z [m]", "approach x y z"):
+    for column in ("score", "object", "width / opening, mm", "position x y z, m", "approach x y z"):
         table.add_column(column, justify="left" if column == "object" else "right")
-    for pose, width, score, instance in list(
-        zip(grasps.poses, grasps.widths, grasps.scores, grasps.instances, strict=True)
-    )[:MOST_GRASPS]:
-        name = f"{instance} {prediction.class_of(int(instance))}"
-        table.add_row(f"{score:.2f}", name, f"{1e3 * width:.0f}", _vector(pose[:3, 3], 3), _vector(pose[:3, 2], 2))
+    for g in range(min(len(grasps), MOST_GRASPS)):
+        pose, instance = grasps.poses[g], int(grasps.instances[g])
+        table.add_row(
+            f"{grasps.scores[g]:.2f}",
+            f"{instance} {prediction.class_of(instance)}",
+            f"{1e3 * grasps.widths[g]:.0f} / {1e3 * grasps.openings[g]:.0f}",
+            _vector(pose[:3, 3], 3),
+            _vector(pose[:3, 2], 2),
+        )
     return table
 
 

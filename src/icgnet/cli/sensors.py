@@ -7,6 +7,7 @@ from typing import Literal
 import tyro
 from rich.console import Console
 
+from icgnet.cli.notices import load_objects
 from icgnet.errors import InputError
 
 
@@ -41,12 +42,11 @@ class Sensors:
             raise InputError(f"count must be at least 1, got {self.count}")
         import numpy as np
 
-        from icgnet.objects.object_set import load_object_set
         from icgnet.simulation.scenes import spawn_scene
         from icgnet.training.gallery import sense_gallery, take_gallery_picture
         from icgnet.viewer.sensor_sheet import SeenCloud, draw_sensor_sheet
 
-        object_set = load_object_set(self.objects)
+        object_set = load_objects(self.objects)
         scene = spawn_scene(self.scene, object_set, self.split, np.random.default_rng(self.seed), self.count)
         picture = take_gallery_picture(scene, object_set, np.deg2rad(self.polar))
         gallery = sense_gallery(picture, self.seed)

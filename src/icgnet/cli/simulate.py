@@ -7,6 +7,7 @@ from typing import Literal
 import tyro
 from rich.console import Console
 
+from icgnet.cli.notices import load_objects
 from icgnet.errors import InputError
 
 
@@ -40,9 +41,8 @@ class Simulate:
         import numpy as np
 
         from icgnet.benchmark.captures import simulate_capture
-        from icgnet.objects.object_set import load_object_set
 
-        object_set = load_object_set(self.objects)
+        object_set = load_objects(self.objects)
         capture = simulate_capture(self.scene, object_set, self.split, np.random.default_rng(self.seed), self.count)
         capture.save(self.out)
         Console().print(f"{self.out}: {', '.join(capture.classes) or 'nothing'} on the table", soft_wrap=True)

@@ -204,8 +204,9 @@ def successful_grasps(recipe: Recipe, gripper: Gripper) -> Grasps:
     safety = np.mean([padded[:, shift : shift + len(APPROACH_ANGLES)] for shift in range(2 * NEIGHBOURS + 1)], axis=0)
     positions, widths = contacts.positions.astype(np.float64), contacts.widths.astype(np.float64)
     poses = grasp_poses(positions, contacts.normals.astype(np.float64), widths, gripper.finger_reach)[rows, angles]
-    poses = draw_back(poses, gripper.opening(widths[rows]), gripper, TABLE_HEIGHT)
-    return Grasps(poses, widths[rows], safety[rows, angles], contacts.objects[rows], positions[rows], angles)
+    openings = gripper.opening(widths[rows])
+    poses = draw_back(poses, openings, gripper, TABLE_HEIGHT)
+    return Grasps(poses, widths[rows], openings, safety[rows, angles], contacts.objects[rows], positions[rows], angles)
 
 
 def manifest_gripper(manifest: Mapping[str, object]) -> Gripper:
@@ -300,10 +301,9 @@ def _drops(bottoms: Float[np.ndarray, "i"], gaps: Float[np.ndarray, "i i"]) -> F
 
 def _hand_points(gripper: Gripper, grasps: Grasps) -> list[Float[np.ndarray, "n 3"]]:
     """Points all over the open hand of each grasp, world frame [m]."""
-    openings = gripper.opening(grasps.widths)
     return [
         transform_points(pose, gripper.surface_points(float(opening), HAND_SPACING))
-        for pose, opening in zip(grasps.poses, openings, strict=True)
+        for pose, opening in zip(grasps.poses, grasps.openings, strict=True)
     ]
 
 

@@ -1,6 +1,7 @@
 """Files that appear whole or not at all, whenever the process is killed."""
 
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -36,14 +37,25 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_json(path: Path, values: Mapping[str, object]) -> None:
-    """Writes a JSON file, whole or not at all.
+    """Writes a JSON file, whole or not at all. Numbers that are not finite become null, as JSON has none of them.
 
     Raises:
         DataError: the system cannot write.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with new_file(path) as file:
-        file.write((json.dumps(values, indent=2) + "\n").encode())
+        file.write((json.dumps(_finite(values), indent=2, allow_nan=False) + "\n").encode())
+
+
+def _finite(value: object) -> object:
+    """The same with None in place of numbers that are not finite."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return value
 
 
 def remove_partial_files(directory: Path) -> None:

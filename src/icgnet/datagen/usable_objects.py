@@ -28,7 +28,7 @@ class UsableObjects:
 
     def notices(self) -> list[str]:
         """A line on each object that is left out, and one on those that look odd."""
-        lines = [f"{name} is left out: {reason}" for name, reason in self.object_set.left_out.items()]
+        lines = self.object_set.notices()
         if self.doubtful:
             lines.append(f"used, but odd (see `doubtful` in {MANIFEST}): {first_of(list(self.doubtful))}")
         return lines

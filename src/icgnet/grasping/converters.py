@@ -91,18 +91,17 @@ def from_graspgen(poses: Poses, gripper: Gripper) -> Poses:
     return poses @ invert_transform(gripper.T_grasp_base @ make_transform(_GRASPGEN_AXES, np.zeros(3)))
 
 
-def to_graspnet(grasps: Grasps, gripper: Gripper, depth: float = 0.02) -> Float[np.ndarray, "g 17"]:
+def to_graspnet(grasps: Grasps, depth: float = 0.02) -> Float[np.ndarray, "g 17"]:
     """Rows for graspnetAPI's `GraspGroup`: score, width, height, depth, rotation (9), translation (3), object id.
 
     Args:
-        grasps: grasps in the camera frame, as graspnetAPI has them.
-        gripper: gives the free space beside the fingers; graspnetAPI's width is that of the open hand.
+        grasps: grasps in the camera frame, as graspnetAPI has them; its width is that of the open hand.
         depth: how far the tips reach past the translation [m].
     """
     rotations = grasps.poses[:, :3, :3] @ _GRASPNET_AXES
     rows = np.zeros((len(grasps), GRASPNET_LENGTH))
     rows[:, 0] = grasps.scores
-    rows[:, 1] = grasps.widths + 2 * gripper.clearance
+    rows[:, 1] = grasps.openings
     rows[:, 2] = GRASPNET_HEIGHT
     rows[:, 3] = depth
     rows[:, 4:13] = rotations.reshape(-1, 9)
@@ -113,6 +112,9 @@ def to_graspnet(grasps: Grasps, gripper: Gripper, depth: float = 0.02) -> Float[
 
 def from_graspnet(rows: Float[np.ndarray, "..."], gripper: Gripper) -> Grasps:
     """Grasps for the rows of a graspnetAPI `GraspGroup`.
+
+    The rows say how far the hand is open and not how wide the object is: that is taken to be what the clearance beside
+    the fingers leaves, which is too much where the hand was opened further than needed.
 
     Args:
         rows: [g 17], one row a grasp, see `to_graspnet`.
@@ -127,8 +129,9 @@ def from_graspnet(rows: Float[np.ndarray, "..."], gripper: Gripper) -> Grasps:
     rotations = rows[:, 4:13].reshape(-1, 3, 3)
     origins = rows[:, 13:16] + rows[:, 3, None] * rotations[:, :, 0]
     poses = make_transform(rotations @ _GRASPNET_AXES.T, origins)
-    widths = np.maximum(rows[:, 1] - 2 * gripper.clearance, 0.0)
-    return grasps_from_poses(poses, widths, rows[:, 0], rows[:, 16].astype(np.int64), gripper.finger_reach)
+    openings = rows[:, 1]
+    widths = np.maximum(openings - 2 * gripper.clearance, 0.0)
+    return grasps_from_poses(poses, widths, openings, rows[:, 0], rows[:, 16].astype(np.int64), gripper.finger_reach)
 
 
 def to_moveit(
@@ -145,7 +148,7 @@ def to_moveit(
 
     Args:
         grasps: grasps in the frame `frame_id`, whose z axis points up.
-        gripper: gives the base link, the opening and the force.
+        gripper: gives the base link and the force.
         frame_id: name of the frame of the grasps.
         hand_frame: a link whose z axis is the approach direction.
         joint_names: the finger joints; each one opens half of the width.
@@ -156,11 +159,10 @@ def to_moveit(
     """
     poses = grasps.poses @ gripper.T_grasp_base @ T_base_parent
     quaternions = matrix_to_quaternion(poses[:, :3, :3])
-    openings = gripper.opening(grasps.widths)
     return [
         {
             "id": f"grasp_{index}_instance_{grasps.instances[index]}",
-            "pre_grasp_posture": _posture(joint_names, openings[index], None),
+            "pre_grasp_posture": _posture(joint_names, grasps.openings[index], None),
             "grasp_posture": _posture(joint_names, grasps.widths[index], gripper.finger_force),
             "grasp_pose": {
                 "header": _header(frame_id),
@@ -199,14 +201,18 @@ def from_moveit(
     quaternions = np.array([[p["orientation"][axis] for axis in "wxyz"] for p in pose])
     poses = make_transform(quaternion_to_matrix(quaternions), positions)
     poses = poses @ invert_transform(gripper.T_grasp_base @ T_base_parent)
-    widths = np.array([sum(message["grasp_posture"]["points"][0]["positions"]) for message in messages])
+    widths, openings = (
+        np.array([sum(message[posture]["points"][0]["positions"]) for message in messages])
+        for posture in ("grasp_posture", "pre_grasp_posture")
+    )
     scores = np.array([message["grasp_quality"] for message in messages], dtype=np.float64)
-    return grasps_from_poses(poses, widths, scores, np.full(len(poses), -1), gripper.finger_reach)
+    return grasps_from_poses(poses, widths, openings, scores, np.full(len(poses), -1), gripper.finger_reach)
 
 
 def grasps_from_poses(
     poses: Poses,
     widths: Float[np.ndarray, "g"],
+    openings: Float[np.ndarray, "g"],
     scores: Float[np.ndarray, "g"],
     instances: Int[np.ndarray, "g"],
     finger_reach: float,
@@ -216,6 +222,7 @@ def grasps_from_poses(
     Args:
         poses: T_frame_grasp.
         widths: distance between the finger tips when they hold the object [m].
+        openings: distance between the finger tips on the way there [m].
         scores: success probabilities.
         instances: id of the instance that is grasped.
         finger_reach: how far the tips reach past the contact along the approach [m].
@@ -225,7 +232,7 @@ def grasps_from_poses(
     in_contact_frame = np.einsum("gik,gi->gk", contact_frames(closing), approach)
     angle = np.arctan2(in_contact_frame[:, 0], in_contact_frame[:, 2])
     nearest = np.argmax(np.cos(angle[:, None] - APPROACH_ANGLES), axis=1)
-    return Grasps(poses, widths, scores, instances, contacts, nearest)
+    return Grasps(poses, widths, openings, scores, instances, contacts, nearest)
 
 
 def _moved_back(poses: Poses, distance: float) -> Poses:

@@ -1,7 +1,7 @@
 """A list of grasps."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,6 +14,7 @@ class Grasps:
     Attributes:
         poses: T_frame_grasp.
         widths: distance between the finger tips when they hold the object [m].
+        openings: distance between the finger tips on the way there [m]; the one that collisions are checked with.
         scores: success probability in [0, 1].
         instances: id of the instance that is grasped.
         contacts: contact point of the +y finger [m].
@@ -22,6 +23,7 @@ class Grasps:
 
     poses: Float[np.ndarray, "g 4 4"]
     widths: Float[np.ndarray, "g"]
+    openings: Float[np.ndarray, "g"]
     scores: Float[np.ndarray, "g"]
     instances: Int[np.ndarray, "g"]
     contacts: Float[np.ndarray, "g 3"]
@@ -35,6 +37,7 @@ class Grasps:
         return Grasps(
             self.poses[which],
             self.widths[which],
+            self.openings[which],
             self.scores[which],
             self.instances[which],
             self.contacts[which],
@@ -48,14 +51,14 @@ class Grasps:
     def transformed(self, T_a_b: Float[np.ndarray, "4 4"]) -> "Grasps":
         """The grasps of frame b in frame a."""
         contacts = self.contacts @ T_a_b[:3, :3].T + T_a_b[:3, 3]
-        return Grasps(T_a_b @ self.poses, self.widths, self.scores, self.instances, contacts, self.angles)
+        return replace(self, poses=T_a_b @ self.poses, contacts=contacts)
 
     @staticmethod
     def empty() -> "Grasps":
         """No grasps."""
         none = np.zeros(0)
         no_index = np.zeros(0, dtype=np.int64)
-        return Grasps(np.zeros((0, 4, 4)), none, none, no_index, np.zeros((0, 3)), no_index)
+        return Grasps(np.zeros((0, 4, 4)), none, none, none, no_index, np.zeros((0, 3)), no_index)
 
     @staticmethod
     def concatenate(parts: Sequence["Grasps"]) -> "Grasps":
@@ -65,6 +68,7 @@ class Grasps:
         return Grasps(
             np.concatenate([p.poses for p in parts]),
             np.concatenate([p.widths for p in parts]),
+            np.concatenate([p.openings for p in parts]),
             np.concatenate([p.scores for p in parts]),
             np.concatenate([p.instances for p in parts]),
             np.concatenate([p.contacts for p in parts]),

@@ -173,6 +173,7 @@ def _believed(
     grasps = Grasps(
         poses=draw_back(poses[position, angle], openings, gripper, TABLE_HEIGHT),
         widths=widths[contact],
+        openings=openings,
         scores=probabilities[contact, angle],
         instances=contacts.instances[contact],
         contacts=contacts.points[contact],
@@ -209,7 +210,7 @@ def keep_free(
             break
         collisions = check_collisions(
             grasps.poses[batch],
-            _openings(grasps.widths[batch], gripper, search),
+            grasps.openings[batch],
             gripper,
             partial(scene_occupancy, shapes),
             TABLE_HEIGHT,

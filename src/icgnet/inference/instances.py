@@ -47,6 +47,7 @@ class Instance:
     Attributes:
         view: the window that it was found in.
         query: the network's query for it.
+        score: how sure the network is that this is one whole object, 0 to 1.
         class_name: most probable class.
         class_score: probability of that class, given that it is an object.
         rows: its points in the tabletop's cloud; a few may lie outside of the window.
@@ -54,6 +55,7 @@ class Instance:
 
     view: EncodedWindow
     query: int
+    score: float
     class_name: str
     class_score: float
     rows: Int[np.ndarray, "n"]
@@ -102,11 +104,11 @@ def instances_of(view: EncodedWindow) -> list[Instance]:
     output = view.embedding.stages[-1]
     found = select_instances(output)
     instances = []
-    for query, mask in zip(found.queries.tolist(), found.masks.numpy(), strict=True):
+    for query, score, mask in zip(found.queries.tolist(), found.scores.tolist(), found.masks.numpy(), strict=True):
         probabilities = torch.softmax(output.class_logits[query, : len(CLASSES)], dim=0)
         class_id = int(probabilities.argmax())
         rows = view.rows[mask[view.point_to_voxel]]
-        instances.append(Instance(view, query, CLASSES[class_id], float(probabilities[class_id]), rows))
+        instances.append(Instance(view, query, score, CLASSES[class_id], float(probabilities[class_id]), rows))
     return instances
 
 

@@ -21,7 +21,7 @@ from icgnet.grasping.gripper import Box, Gripper, load_gripper
 from icgnet.objects.classes import CLASSES, class_index
 from icgnet.output_folder import output_folder
 
-FORMAT = "icgnet prediction 1"
+FORMAT = "icgnet prediction 2"
 RESULT_FILE = "result.json"
 GRASPS_FILE = "grasps.npz"
 CLOUD_FILE = "cloud.npz"
@@ -40,13 +40,15 @@ class DetectedObject:
 
     Attributes:
         instance_id: number by which grasps and points refer to it.
+        score: how sure the network is that this is one whole object, 0 to 1.
         class_name: one of `icgnet.objects.classes.CLASSES`.
-        class_score: probability of that class.
+        class_score: probability of that class, given that it is an object.
         points: the input points that belong to it [m].
         extract: makes the complete mesh; called at most once, by `mesh()`.
     """
 
     instance_id: int
+    score: float
     class_name: str
     class_score: float
     points: Float[np.ndarray, "n 3"]
@@ -175,6 +177,7 @@ class Prediction:
             folder / GRASPS_FILE,
             grasps=self.grasps.poses,
             width=self.grasps.widths,
+            opening=self.grasps.openings,
             score=self.grasps.scores,
             instance_id=self.grasps.instances,
             class_name=np.array([self.class_of(int(i)) for i in self.grasps.instances], dtype=np.str_),
@@ -212,13 +215,13 @@ class Prediction:
             self.write(folder)
 
     def _grasp_entries(self) -> Iterator[dict[str, Any]]:
-        grasps, openings = self.grasps, self.gripper.opening(self.grasps.widths)
+        grasps = self.grasps
         for g in range(len(grasps)):
             instance_id = int(grasps.instances[g])
             yield {
                 "pose": grasps.poses[g].tolist(),
                 "width": float(grasps.widths[g]),
-                "opening": float(openings[g]),
+                "opening": float(grasps.openings[g]),
                 "score": float(grasps.scores[g]),
                 "instance_id": instance_id,
                 "class_name": self.class_of(instance_id),
@@ -234,6 +237,7 @@ def _mesh_path(item: DetectedObject) -> str:
 def _object_entry(item: DetectedObject) -> dict[str, Any]:
     return {
         "instance_id": item.instance_id,
+        "score": float(item.score),
         "class_name": item.class_name,
         "class_score": float(item.class_score),
         "points": len(item.points),
@@ -263,13 +267,14 @@ def load_prediction(path: str | Path) -> Prediction:
     """The prediction that `Prediction.save` wrote.
 
     Raises:
-        DataError: not such a folder, or a file in it is missing or broken.
+        DataError: not such a folder, one of another version, or a file in it is missing or broken.
     """
     folder = Path(path)
     try:
         result = json.loads((folder / RESULT_FILE).read_text())
-        if not isinstance(result, dict) or result.get("format") != FORMAT:
-            raise DataError(f"{folder / RESULT_FILE} is not of the format {FORMAT!r}")
+        given = result.get("format") if isinstance(result, dict) else None
+        if given != FORMAT:
+            raise DataError(f"{folder / RESULT_FILE} is not of the format {FORMAT!r} but {given!r}: predict again")
         with np.load(folder / CLOUD_FILE) as saved:
             cloud_file = dict(saved)
         with np.load(folder / GRASPS_FILE) as saved:
@@ -288,6 +293,7 @@ def _assemble(
     objects = [
         DetectedObject(
             instance_id=entry["instance_id"],
+            score=entry["score"],
             class_name=entry["class_name"],
             class_score=entry["class_score"],
             points=points[instances == entry["instance_id"]],
@@ -300,6 +306,7 @@ def _assemble(
         grasps=Grasps(
             poses=grasp_file["grasps"],
             widths=grasp_file["width"],
+            openings=grasp_file["opening"],
             scores=grasp_file["score"],
             instances=grasp_file["instance_id"],
             contacts=grasp_file["contact"],

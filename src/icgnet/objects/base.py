@@ -99,6 +99,10 @@ class ObjectSet(ABC):
         self._grids.move_to_end(key)
         return self._grids[key]
 
+    def notices(self) -> list[str]:
+        """Returns a line on each object that is left out."""
+        return [f"{key} is left out: {reason}" for key, reason in self.left_out.items()]
+
     def __getstate__(self) -> dict[str, object]:
         """Leaves what was loaded behind: a worker process reads what it needs itself."""
         return self.__dict__ | {"_models": {}, "_grids": OrderedDict()}

@@ -9,6 +9,7 @@ from icgnet.geometry.transforms import make_transform, transform_points
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.model import ObjectModel
+from icgnet.simulation.motion import line_at_constant_speed, steps_in
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.world import World
 
@@ -87,12 +88,10 @@ def _closing_along(axis: int) -> Float[np.ndarray, "3 3"]:
 
 
 def _move(world: World, start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"], duration: float) -> None:
-    """Moves the hand at constant speed, as the published benchmark does."""
-    steps = round(duration / world.physics.timestep)
-    for step in range(1, steps + 1):
-        world.hand.move_to(start + (end - start) * step / steps)
+    for position in line_at_constant_speed(start, end - start, duration, world.physics):
+        world.hand.move_to(position)
         world.step()
 
 
 def _wait(world: World, duration: float) -> None:
-    world.step(round(duration / world.physics.timestep))
+    world.step(steps_in(duration, world.physics))

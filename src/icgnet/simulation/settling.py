@@ -3,6 +3,7 @@
 import numpy as np
 
 from icgnet.geometry.workspace import SIZE
+from icgnet.simulation.motion import steps_in
 from icgnet.simulation.world import World
 
 REST_SPEED = 0.01  # [m/s and rad/s together]
@@ -31,7 +32,7 @@ class Settling:
 
     def wait_for_rest(self, timeout: float) -> None:
         """Goes on until all objects rest, for at most `timeout` [s]."""
-        steps = round(REST_CHECK / self._world.physics.timestep)
+        steps = steps_in(REST_CHECK, self._world.physics)
         for _ in range(round(timeout / REST_CHECK)):
             self._step(steps)
             if self._world.speeds().max(initial=0.0) <= REST_SPEED:

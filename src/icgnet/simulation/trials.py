@@ -14,6 +14,7 @@ from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.approach import APPROACH_LENGTH, ApproachChecker
 from icgnet.simulation.contacts import Contacts
+from icgnet.simulation.motion import smooth_line, steps_in
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.world import World
 
@@ -178,7 +179,7 @@ class Trials:
         way = APPROACH_LENGTH * T_world_grasp[:3, 2]
         world.restore(self._start)
         hand.place(make_transform(T_world_grasp[:3, :3], T_world_grasp[:3, 3] - way), opening)
-        for position in _smooth_path(T_world_grasp[:3, 3] - way, way, self._steps(APPROACH_TIME)):
+        for position in smooth_line(T_world_grasp[:3, 3] - way, way, APPROACH_TIME, world.physics):
             hand.move_to(position)
             world.step()
             if world.hand_touches_anything():
@@ -198,13 +199,10 @@ class Trials:
         lifted = risen > 0.5 * retreat_vector(T_world_grasp)[2]
         return Outcome(bool(lifted and held and not world.is_unstable()), self._disturbs(target))
 
-    def _steps(self, duration: float) -> int:
-        return round(duration / self.world.physics.timestep)
-
     def _close(self) -> None:
         """Steps until the fingers stand still on something, or on each other."""
         world, block = self.world, 5
-        for _ in range(self._steps(CLOSE_TIMEOUT) // block):
+        for _ in range(steps_in(CLOSE_TIMEOUT, world.physics) // block):
             world.step(block)
             if world.hand.finger_speed() < CLOSED_SPEED:
                 return
@@ -217,7 +215,7 @@ class Trials:
         place: Float[np.ndarray, "3"],
     ) -> bool:
         """Moves the hand along `path` [m], smoothly; gives up, with False, once the object has left its place in it."""
-        for step, position in enumerate(_smooth_path(start, path, self._steps(LIFT_TIME)), start=1):
+        for step, position in enumerate(smooth_line(start, path, LIFT_TIME, self.world.physics), start=1):
             self.world.hand.move_to(position)
             self.world.step()
             if step % LIFT_CHECK == 0 and self._has_lost(target, place):
@@ -226,7 +224,7 @@ class Trials:
 
     def _settle(self, target: int) -> bool:
         """Waits, and says whether both fingers held the object at the end of it."""
-        self.world.step(self._steps(SETTLE_TIME))
+        self.world.step(steps_in(SETTLE_TIME, self.world.physics))
         for _ in range(HELD_STEPS):
             self.world.step()
             # A contact may be missing for one step while the object rocks between the pads.
@@ -260,12 +258,6 @@ def retreat_vector(T_world_grasp: Float[np.ndarray, "4 4"]) -> Float[np.ndarray,
     approach = T_world_grasp[:3, 2]
     is_from_side = np.arccos(np.clip(-approach[2], -1.0, 1.0)) > SIDE_GRASP
     return LIFT * np.array([0.0, 0.0, 1.0]) if is_from_side else -LIFT * approach
-
-
-def _smooth_path(start: Float[np.ndarray, "3"], way: Float[np.ndarray, "3"], steps: int) -> Float[np.ndarray, "s 3"]:
-    """Positions [m] of a movement that begins and ends at rest."""
-    progress = np.arange(1, steps + 1)[:, None] / steps
-    return start + way * progress**2 * (3.0 - 2.0 * progress)
 
 
 def _tilt(normals: Float[np.ndarray, "*n 3"], tilts: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:

@@ -11,6 +11,7 @@ from icgnet.geometry.transforms import invert_transform, make_transform, transfo
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.approach import APPROACH_LENGTH
+from icgnet.simulation.motion import line_at_constant_speed, steps_in
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.scene import Scene
 from icgnet.simulation.settling import Settling
@@ -159,7 +160,7 @@ class Workcell:
         hand.place(make_transform(T_world_grasp[:3, :3], start), opening)
         hand.squeeze(0.0)
         touched = dict.fromkeys(self._touched())
-        for position in self._line(start, way, APPROACH_TIME):
+        for position in line_at_constant_speed(start, way, APPROACH_TIME, world.physics):
             hand.move_to(position)
             world.step()
             touched |= dict.fromkeys(self._touched())
@@ -173,14 +174,14 @@ class Workcell:
         heights, retreat = world.centres_of_mass()[:, 2], retreat_vector(T_world_grasp)
         hand.squeeze(self._gripper.finger_force)
         was_touched = False
-        for _ in range(self._steps(CLOSE_TIME) // BLOCK):
+        for _ in range(steps_in(CLOSE_TIME, world.physics) // BLOCK):
             world.step(BLOCK)
             was_touched |= target in world.objects_touched_by_hand()
         was_held = self._holds(target)
-        for position in self._line(T_world_grasp[:3, 3], retreat, LIFT_TIME):
+        for position in line_at_constant_speed(T_world_grasp[:3, 3], retreat, LIFT_TIME, world.physics):
             hand.move_to(position)
             world.step()
-        world.step(self._steps(protocol.keep_time))
+        world.step(steps_in(protocol.keep_time, world.physics))
         held = tuple(world.objects_touched_by_hand().tolist()) if hand.opening() > protocol.min_opening else ()
         if protocol.named_object:
             risen = world.centres_of_mass()[:, 2] - heights > LIFTED_SHARE * retreat[2]
@@ -212,16 +213,6 @@ class Workcell:
         hand.place(make_transform(np.eye(3), AWAY), self._gripper.max_opening)
         hand.squeeze(0.0)
         self._settling.remove_outside()
-
-    def _line(
-        self, start: Float[np.ndarray, "3"], way: Float[np.ndarray, "3"], duration: float
-    ) -> Float[np.ndarray, "s 3"]:
-        """Positions [m] of a movement at constant speed, one for each step."""
-        steps = self._steps(duration)
-        return start + way * np.arange(1, steps + 1)[:, None] / steps
-
-    def _steps(self, duration: float) -> int:
-        return round(duration / self._world.physics.timestep)
 
     def _nearest(self, point: Float[np.ndarray, "3"]) -> int:
         """The object whose surface is nearest to a point [m], or that contains it."""

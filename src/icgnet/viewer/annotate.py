@@ -1,17 +1,21 @@
 """Words on pictures: labels with leaders, a score scale, titles. Text never leaves the picture."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from icgnet.viewer.palette import INK, QUIET_INK, score_colours, to_bytes
+from icgnet.viewer.palette import INK, MARK, QUIET_INK, score_colours, to_bytes
 
 LABEL_SIZE = 19
 LABEL_LIFT = 34
 """How far [pixels] a label floats above what it names."""
 EDGE = 8
 """Free border [pixels] around text."""
+MARK_RADIUS = 4
+"""Of the dots that mark points [pixels]."""
 
 Colour = tuple[float, float, float]
 Length = int | float
@@ -78,6 +82,24 @@ def draw_score_scale(image: Image.Image, right: Length, middle: Length, caption:
     ink = to_bytes(QUIET_INK)
     pen.text((right, middle), "1", fill=ink, font=_font(size), anchor="rm")
     pen.text((bar_left - 10, middle), f"{caption}   0", fill=ink, font=_font(size), anchor="rm")
+
+
+def mark_pixels(image: Image.Image, pixels: Float[np.ndarray, "k 2"]) -> None:
+    """Draws a red dot at each pixel (u, v)."""
+    pen = ImageDraw.Draw(image)
+    for u, v in pixels:
+        box = [u - MARK_RADIUS, v - MARK_RADIUS, u + MARK_RADIUS, v + MARK_RADIUS]
+        pen.ellipse(box, fill=to_bytes(MARK), outline="white")
+
+
+def write_legend(image: Image.Image, entries: Sequence[tuple[str, Colour]], corner: Pixel, size: int) -> None:
+    """Writes what colours stand for in one line, each after a square of its colour, from an upper left corner on."""
+    pen = ImageDraw.Draw(image)
+    left, top = corner
+    for text, colour in entries:
+        pen.rounded_rectangle([left, top + 2, left + size, top + size + 2], radius=4, fill=to_bytes(colour))
+        write(image, text, (left + size + 8, top), size, QUIET_INK)
+        left += size + 8 + text_width(text, size) + 26
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont:

@@ -178,10 +178,10 @@ def _contacts(scene: LabelledScene) -> Triangles:
 
 
 def _hands(grasps: Grasps, gripper: Gripper) -> Triangles:
-    openings, colours = gripper.opening(grasps.widths), score_colours(grasps.scores)
+    colours = score_colours(grasps.scores)
     return join(
         [
             hand_triangles(gripper, pose, float(opening), tuple(colour))
-            for pose, opening, colour in zip(grasps.poses, openings, colours, strict=True)
+            for pose, opening, colour in zip(grasps.poses, grasps.openings, colours, strict=True)
         ]
     )

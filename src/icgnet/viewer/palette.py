@@ -14,6 +14,8 @@ PAPER = (1.0, 1.0, 1.0)
 """Background."""
 UNASSIGNED = (0.72, 0.73, 0.75)
 """Points that belong to no instance."""
+MARK = (0.85, 0.0, 0.10)
+"""Dots that mark where something is wrong."""
 
 # Blues, oranges, reds, violets and browns; greens and yellows belong to the hands with high scores.
 _INSTANCE_HEX = (

@@ -1,6 +1,6 @@
 """Pictures of a prediction: what the camera saw, and what the network makes of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
 from icgnet.inference.prediction import DetectedObject, Prediction
-from icgnet.viewer.annotate import Label, draw_score_scale, shorten, text_width, write, write_labels
+from icgnet.viewer.annotate import Label, draw_score_scale, mark_pixels, shorten, text_width, write, write_labels
 from icgnet.viewer.describe import SEPARATOR, best_per_object, object_name, object_top, points_on_table, summary
 from icgnet.viewer.palette import QUIET_INK, instance_colour, instance_colours, score_colours
 from icgnet.viewer.render import Table, render
@@ -43,12 +43,14 @@ class SceneDrawing:
         labels: names at points in space.
         view: where from.
         table: what everything stands on; None for nothing.
+        marks: points that are marked with dots, also where something hides them [m].
     """
 
     triangles: Triangles
     labels: tuple["PlacedLabel", ...]
     view: View
     table: Table | None
+    marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,10 @@ class PlacedLabel:
 
 
 def draw_scene(drawing: SceneDrawing, shape: tuple[int, int]) -> Image.Image:
-    """The picture of one scene, with its labels."""
+    """The picture of one scene, with its marks and labels."""
     image = Image.fromarray(render(drawing.triangles, drawing.table, drawing.view, shape))
+    if len(drawing.marks):
+        mark_pixels(image, drawing.view.project(drawing.marks, shape))
     labels = []
     for label in drawing.labels:
         pixel = drawing.view.project(label.point[None], shape)[0]
@@ -93,7 +97,7 @@ def prediction_picture(prediction: Prediction, title: str | None = None) -> Imag
     shapes = [moved(_object_shape(item), T_table_frame) for item in prediction.objects]
     hands_left = _hands(best_per_object(grasps, 1), prediction.gripper)
     hands_right = _hands(best_per_object(grasps, GRASPS_PER_OBJECT).select(slice(0, MOST_GRASPS)), prediction.gripper)
-    dots = _cloud_discs(observed, assigned, _viewpoint(prediction, T_table_frame))
+    dots = cloud_discs(observed, assigned, _viewpoint(prediction, T_table_frame))
     labels = tuple(_object_label(item, T_table_frame) for item in prediction.objects)
 
     drawn = join([*shapes, hands_left, hands_right] if len(prediction.objects) else [dots])
@@ -132,10 +136,10 @@ def _viewpoint(prediction: Prediction, T_table_frame: Float[np.ndarray, "4 4"]) 
     return None if viewpoint is None else transform_points(T_table_frame, viewpoint)
 
 
-def _cloud_discs(
+def cloud_discs(
     points: Float[np.ndarray, "n 3"], instances: Int[np.ndarray, "n"], viewpoint: Float[np.ndarray, "3"] | None
 ) -> Triangles:
-    """Discs that nearly touch their neighbours."""
+    """A cloud as discs that nearly touch their neighbours, in the colours of its instances."""
     if len(points) < 3:
         return join([])
     spacing = np.median(KDTree(points).query(points, k=min(5, len(points)))[0][:, -1])
@@ -152,9 +156,12 @@ def _object_label(item: DetectedObject, T_table_frame: Float[np.ndarray, "4 4"])
 
 
 def _hands(grasps: Grasps, gripper: Gripper) -> Triangles:
-    openings, colours = gripper.opening(grasps.widths), score_colours(grasps.scores)
+    colours = score_colours(grasps.scores)
     return join(
-        [hand_triangles(gripper, grasps.poses[g], float(openings[g]), tuple(colours[g])) for g in range(len(grasps))]
+        [
+            hand_triangles(gripper, pose, float(opening), tuple(colour))
+            for pose, opening, colour in zip(grasps.poses, grasps.openings, colours, strict=True)
+        ]
     )
 
 

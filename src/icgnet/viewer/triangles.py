@@ -64,9 +64,19 @@ def hand_triangles(
     gripper: Gripper, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, colour: Colour, opacity: float = 1.0
 ) -> Triangles:
     """A gripper at a grasp, drawn slim (see `slim_hand_mesh`), with its pads `opening` [m] apart."""
-    mesh = slim_hand_mesh(gripper, opening).apply_transform(T_world_grasp)
-    flat = np.repeat(np.asarray(mesh.face_normals, float)[:, None], 3, axis=1)
-    return _painted(np.asarray(mesh.triangles, float), flat, colour, opacity)
+    return _flat_triangles(slim_hand_mesh(gripper, opening).apply_transform(T_world_grasp), colour, opacity)
+
+
+def whole_hand_triangles(
+    gripper: Gripper, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, colour: Colour, palm_opacity: float
+) -> Triangles:
+    """A gripper at a grasp as large as it is, its pads `opening` [m] apart; the palm may be see-through."""
+    boxes = gripper.boxes(opening)
+    palm, fingers = boxes[: len(gripper.palm)], boxes[len(gripper.palm) :]
+    parts = ((palm, palm_opacity), (fingers, 1.0))
+    return join(
+        [_flat_triangles(_boxes_mesh(own).apply_transform(T_world_grasp), colour, each) for own, each in parts if own]
+    )
 
 
 def hand_mesh(gripper: Gripper, opening: float) -> trimesh.Trimesh:
@@ -143,6 +153,11 @@ def moved(triangles: Triangles, T_a_b: Float[np.ndarray, "4 4"]) -> Triangles:
     """The triangles of frame b in frame a."""
     corners = transform_points(T_a_b, triangles.corners)
     return Triangles(corners, triangles.normals @ T_a_b[:3, :3].T, triangles.colours, triangles.opacities)
+
+
+def _flat_triangles(mesh: trimesh.Trimesh, colour: Colour, opacity: float) -> Triangles:
+    flat = np.repeat(np.asarray(mesh.face_normals, float)[:, None], 3, axis=1)
+    return _painted(np.asarray(mesh.triangles, float), flat, colour, opacity)
 
 
 def _painted(

@@ -175,7 +175,7 @@ class WebViewer:
 
     def _add_hands(self, grasps: Grasps, gripper: Gripper) -> list[_Hand]:
         best = best_per_object(grasps, HANDS_PER_OBJECT)
-        openings, colours = gripper.opening(best.widths), score_colours(best.scores)
+        colours = score_colours(best.scores)
         hands, count = [], {}
         for g in range(len(best)):
             instance = int(best.instances[g])
@@ -192,8 +192,8 @@ class WebViewer:
                     visible=False,
                 )
                 for name, mesh in (
-                    ("slim", slim_hand_mesh(gripper, float(openings[g]))),
-                    ("whole", hand_mesh(gripper, float(openings[g]))),
+                    ("slim", slim_hand_mesh(gripper, float(best.openings[g]))),
+                    ("whole", hand_mesh(gripper, float(best.openings[g]))),
                 )
             )
             hands.append(_Hand(float(best.scores[g]), instance, rank, slim, whole))

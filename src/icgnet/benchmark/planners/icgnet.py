@@ -37,4 +37,4 @@ class IcgNetPlanner:
         predictor = Predictor(self._predictor.network, gripper, search)
         prediction = predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
         grasps = prediction.grasps
-        return Plan(grasps.poses, observation.openings(grasps.widths), grasps.scores, prediction)
+        return Plan(grasps.poses, grasps.openings, grasps.scores, prediction)

@@ -1,0 +1,204 @@
+"""Pictures of the worst attempts of a finished clutter benchmark: each is seen and planned again, and drawn."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, zip_longest
+from pathlib import Path
+
+import numpy as np
+
+from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_index, title
+from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
+from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.observation import Observation
+from icgnet.benchmark.planner import Plan, Planner
+from icgnet.benchmark.planners.registry import PlannerSource, load_planner
+from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, carry_out, look
+from icgnet.benchmark.true_shapes import TrueShapes
+from icgnet.errors import InputError
+from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.inference.prediction import NO_INSTANCE, Prediction
+from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.output_folder import output_folder
+from icgnet.simulation.scene import PlacedObject, Scene
+from icgnet.simulation.workcell import Workcell
+from icgnet.viewer.attempt_picture import (
+    AttemptScene,
+    DrawnGrasp,
+    PredictedObject,
+    Role,
+    TrueObject,
+    attempt_picture,
+)
+from icgnet.viewer.describe import object_name
+
+GALLERY_FOLDER, INDEX_FILE = "gallery", "index.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A picture of a round, seen and planned again.
+
+    Attributes:
+        shot: what was recorded.
+        truth: the shapes that stood there.
+        observation: what the planner saw.
+        plan: what it made of that.
+        believed: where nothing was found, what the planner would make of it if it took any score; None if unknown.
+        left_out: what would have come of the first grasp of that.
+    """
+
+    shot: Shot
+    truth: TrueShapes
+    observation: Observation
+    plan: Plan
+    believed: Plan | None = None
+    left_out: Attempt | None = None
+
+    @property
+    def shown(self) -> Attempt | None:
+        """The attempt whose hand is drawn."""
+        return self.shot if isinstance(self.shot, Attempt) else self.left_out
+
+
+def cause_of(shot: Shot) -> str:
+    """How an attempt ended, or that nothing was found."""
+    return shot.cause if isinstance(shot, Attempt) else NOTHING_FOUND
+
+
+def worst(rounds: Sequence[Round], count: int) -> list[Shot]:
+    """At most `count` failures, one of each cause after the other, the most frequent cause first.
+
+    Of a cause, those that the planner trusted most come first. Of the pictures in which nothing was found, the first
+    ones of their round come first, and of these those with most objects.
+
+    Raises:
+        InputError: fewer than none wanted.
+    """
+    if count < 0:
+        raise InputError(f"the number of pictures must be at least 0, got {count}")
+    ranked: list[tuple[float, Shot]] = []
+    for each in rounds:
+        ranked += [(-attempt.score, attempt) for attempt in each.attempts if not attempt.success]
+        ranked += [(rank - 0.01 * len(shot.scene), shot) for rank, shot in enumerate(each.skipped)]
+    ranked.sort(key=lambda item: (item[0], item[1].run, item[1].round, item[1].attempt))
+    by_cause: dict[str, list[Shot]] = {}
+    for _, shot in ranked:
+        by_cause.setdefault(cause_of(shot), []).append(shot)
+    groups = sorted(by_cause.items(), key=lambda item: (-len(item[1]), item[0]))
+    mixed = chain.from_iterable(zip_longest(*(shots for _, shots in groups)))
+    return [shot for shot in mixed if shot is not None][:count]
+
+
+def look_again(config: ClutterConfig, shot: Shot, planner: Planner, object_set: ObjectSet, gripper: Gripper) -> Replay:
+    """The picture as it was taken, and the plan that was made of it, if the planner depends on nothing else."""
+    placed = zip(shot.scene, shot.scales, shot.object_poses, strict=True)
+    scene = Scene(config.scene, tuple(PlacedObject(name, scale, np.array(pose)) for name, scale, pose in placed))
+    observation = look(config, shot.run, shot.round, shot.attempt, scene, object_set, gripper, planner.needs_truth)
+    return Replay(shot, TrueShapes(scene, object_set), observation, planner.plan(observation))
+
+
+def with_left_out(
+    seen: Replay, config: ClutterConfig, believer: Planner, object_set: ObjectSet, gripper: Gripper
+) -> Replay:
+    """The replay of a picture in which nothing was found with what a planner that believes in more makes of it.
+
+    Its first grasp is carried out, by the rules of the benchmark.
+    """
+    plan = believer.plan(seen.observation)
+    if len(plan) == 0:
+        return replace(seen, believed=plan)
+    scene = seen.truth.scene
+    cell = Workcell(scene, object_set, gripper)
+    left_out = carry_out(config, cell, seen.shot, plan, scene, object_set, gripper, plan_seconds=float("nan"))
+    return replace(seen, believed=plan, left_out=left_out)
+
+
+def draw_replay(seen: Replay) -> AttemptScene:
+    """What the picture of a replay shows."""
+    shot, cloud = seen.shot, seen.observation.cloud
+    prediction = seen.plan.details if isinstance(seen.plan.details, Prediction) else None
+    instances = np.full(len(cloud), NO_INSTANCE)
+    predicted: tuple[PredictedObject, ...] = ()
+    if prediction is not None:
+        cloud, instances = prediction.cloud, prediction.cloud_instances
+        predicted = tuple(
+            PredictedObject(item.mesh(), item.instance_id, object_name(item), item.points)
+            for item in prediction.objects
+        )
+    grasp, shown = None, seen.shown
+    if shown is not None:
+        marks = meeting_points(shown, seen.truth, seen.observation)
+        grasp = DrawnGrasp(np.array(shown.pose), shown.opening, seen.observation.gripper, marks, shown is shot)
+    return AttemptScene(
+        title(shot),
+        story(shot, seen.truth, seen.observation, seen.plan, seen.believed, seen.left_out),
+        _true_objects(seen),
+        predicted,
+        cloud,
+        instances,
+        seen.observation.T_world_camera,
+        seen.observation.table_height,
+        grasp,
+    )
+
+
+def draw_gallery(
+    config: ClutterConfig, out: Path, count: int, on_picture: Callable[[int, int], None] = lambda done, total: None
+) -> Path:
+    """Draws the worst failures of a benchmark's folder into its folder `gallery`, which is replaced.
+
+    Beside the pictures, index.json says what each shows.
+
+    Args:
+        config: of the benchmark.
+        out: its folder.
+        count: pictures at most.
+        on_picture: called with the number of finished pictures and of all, at the start and after each one.
+
+    Returns:
+        The folder with the pictures.
+
+    Raises:
+        InputError: a negative count, or a folder `gallery` with other files.
+    """
+    shots = worst(read_rounds(out / ROUNDS_FILE), count)
+    planner, object_set, gripper = load_planner(config.planner), load_object_set(config.objects), load_gripper()
+    believer = load_planner(_believing_all(config.planner)) if config.planner.name == "icgnet" else None
+    on_picture(0, len(shots))
+    with output_folder(out / GALLERY_FOLDER, INDEX_FILE) as folder:
+        index = []
+        for number, shot in enumerate(shots):
+            seen = look_again(config, shot, planner, object_set, gripper)
+            if believer is not None and not isinstance(shot, Attempt):
+                seen = with_left_out(seen, config, believer, object_set, gripper)
+            scene = draw_replay(seen)
+            name = f"{number:02d}_{cause_of(shot).replace(' ', '-')}_{shot.run}-{shot.round}-{shot.attempt}.png"
+            attempt_picture(scene).save(folder / name)
+            place = {"run": shot.run, "round": shot.round, "attempt": shot.attempt}
+            index.append({"file": name, "cause": cause_of(shot), **place, "title": scene.title, "story": scene.story})
+            on_picture(number + 1, len(shots))
+        (folder / INDEX_FILE).write_text(json.dumps(index, indent=1) + "\n")
+    return out / GALLERY_FOLDER
+
+
+def _believing_all(source: PlannerSource) -> PlannerSource:
+    """The network's planner without a least score."""
+    return replace(source, search=replace(source.search, min_score=0.0))
+
+
+def _true_objects(seen: Replay) -> tuple[TrueObject, ...]:
+    shown = seen.shown
+    target, touched = -1, []
+    if shown is not None:
+        target, touched = target_index(shown, seen.truth, seen.observation.gripper), shown.touched
+    objects = []
+    for index, (name, mesh) in enumerate(zip(seen.shot.scene, seen.truth.meshes, strict=True)):
+        role: Role = "target" if index == target else "touched" if name in touched else "other"
+        label = f"{plain(name)} ({seen.truth.classes[index]})"
+        if shown is not None:
+            # Of many names, those that matter would not be seen.
+            label = "" if role == "other" else f"{role}: {plain(name)}"
+        objects.append(TrueObject(mesh, role, label))
+    return tuple(objects)

@@ -1,0 +1,178 @@
+"""Rows of the comparison: which reports belong side by side, what a row is called, and what the reader must know."""
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from icgnet.benchmark.reports import Report
+from icgnet.inference.grasp_search import BEST_FEW
+
+NOTHING = "-"
+MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
+UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
+NOTES: Mapping[str, str] = {
+    UNCOMMITTED: "made with source that no commit holds: files had changed, or there was no repository.",
+    FEW: f"fewer than {MANY_ROUNDS} rounds or scenes.",
+    MIXED: "packed and pile were measured with different source.",
+}
+"""What the marks of a row mean."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Reports on packed scenes and on piles that were made with the same settings."""
+
+    packed: Report | None
+    pile: Report | None
+
+    @property
+    def reports(self) -> tuple[Report, ...]:
+        """Those that are there."""
+        return tuple(each for each in (self.packed, self.pile) if each is not None)
+
+    @property
+    def first(self) -> Report:
+        """The one whose settings name the row."""
+        return self.reports[0]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table.
+
+    Attributes:
+        labels: the first cells, what was measured.
+        cells: the other cells.
+        reports: where it comes from; none for published rows.
+    """
+
+    labels: tuple[str, ...]
+    cells: tuple[str, ...]
+    reports: tuple[Report, ...] = ()
+
+
+def table(headers: Sequence[str], rows: Sequence[Row]) -> str:
+    """A table in Markdown; rows that would be called the same are told apart by their folders."""
+    called = [row.labels for row in rows]
+    lines = [headers, ["---"] * len(headers)]
+    for row in rows:
+        name, *others = row.labels
+        if row.reports and called.count(row.labels) > 1:
+            name += f", in {' and '.join(each.name for each in row.reports)}"
+        name += "".join(f" {mark}" for mark in _marks(row.reports))
+        lines.append([name, *others, *row.cells])
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def pair_up(reports: Iterable[Report], scene_key: str, irrelevant: Iterable[str]) -> list[Pair]:
+    """Reports with the same settings, side by side.
+
+    Args:
+        reports: of one kind of benchmark.
+        scene_key: the setting that says "packed" or "pile".
+        irrelevant: settings that decide nothing.
+    """
+    ignored = {scene_key, *irrelevant}
+    groups: dict[str, list[Report]] = {}
+    for report in reports:
+        groups.setdefault(_key(report.settings, ignored), []).append(report)
+    pairs: list[Pair] = []
+    for group in groups.values():
+        # One of each may come from different commits; with more of them, those of the same commit belong together.
+        scenes = [report.value("settings", scene_key) for report in group]
+        if len(set(scenes)) == len(scenes):
+            pairs += _pairs(group, scene_key)
+        else:
+            commits = dict.fromkeys(report.commit for report in group)
+            for commit in commits:
+                pairs += _pairs([report for report in group if report.commit == commit], scene_key)
+    return pairs
+
+
+def _pairs(group: Sequence[Report], scene_key: str) -> list[Pair]:
+    packed, pile = (
+        [report for report in group if report.value("settings", scene_key) == scene] for scene in ("packed", "pile")
+    )
+    return [Pair(*both) for both in zip_longest(packed, pile)]
+
+
+def _key(settings: Mapping[str, Any], ignored: set[str]) -> str:
+    kept = {name: value for name, value in settings.items() if name not in ignored}
+    if isinstance(kept.get("search"), Mapping):  # whose opening the benchmark replaces
+        kept["search"] = {name: value for name, value in kept["search"].items() if name != "opening"}
+    return json.dumps(kept, sort_keys=True)
+
+
+def _marks(reports: Sequence[Report]) -> list[str]:
+    found = []
+    if any(report.commit is None or report.commit.endswith("-dirty") for report in reports):
+        found.append(UNCOMMITTED)
+    if any(_is_small(report) for report in reports):
+        found.append(FEW)
+    if len({report.commit for report in reports}) > 1:
+        found.append(MIXED)
+    return found
+
+
+def _is_small(report: Report) -> bool:
+    counted = {"clutter": "rounds", "reconstruction": "scenes", "segmentation": "scenes"}
+    return report.kind in counted and report.count(counted[report.kind]) < MANY_ROUNDS
+
+
+def method_name(report: Report) -> str:
+    """Planner or network, its weights, and what is unusual about its search."""
+    settings = report.settings
+    name = str(settings.get("planner", "icgnet"))
+    if settings.get("weights"):
+        name += f" {str(settings['weights'])[:8]}"
+    elif settings.get("preset"):
+        name += f", untrained preset {settings['preset']}"
+    usual = asdict(BEST_FEW)
+    search = report.mapping("settings", "search") if settings.get("search") else {}
+    unusual = [f"{key}={value}" for key, value in search.items() if key != "opening" and usual.get(key, value) != value]
+    return f"{name} ({', '.join(unusual)})" if unusual else name
+
+
+def camera_and_noise(report: Report) -> str:
+    """Where the camera stood, and what the sensor did."""
+    return f"camera {report.value('settings', 'view')}, noise {report.value('settings', 'noise')}"
+
+
+def rules(report: Report) -> str:
+    """What counted as a success in the clutter benchmark, and how it was seen."""
+    opening = "full" if report.value("settings", "full_opening") else "as planned"
+    return f"{report.value('settings', 'protocol')}, opening {opening}; {camera_and_noise(report)}"
+
+
+def rounds(report: Report) -> str:
+    """The scenes of a clutter report."""
+    runs, count, seed = (report.value("settings", name) for name in ("runs", "rounds", "seed"))
+    return f"{_objects(report)}, {runs} x {count} rounds, seed {seed}"
+
+
+def pictures(report: Report) -> str:
+    """The scenes of a report on single pictures."""
+    count, seed = (report.value("settings", name) for name in ("scenes", "seed"))
+    return f"{_objects(report)}, {count} scenes, seed {seed}"
+
+
+def source(reports: Sequence[Report]) -> str:
+    """Who measured: this package, in which state."""
+    states = dict.fromkeys(f"{each.value('origin', 'version')} ({each.commit or 'no commit'})" for each in reports)
+    return f"icgnet {', '.join(states)}"
+
+
+def _objects(report: Report) -> str:
+    objects = str(report.value("settings", "objects"))
+    return f"{report.value('settings', 'split')} objects of {Path(objects).name or objects}"
+
+
+def in_order(reports: Iterable[Report], *names: Callable[[Report], str]) -> list[Report]:
+    """Reports by what they are called; our network's first."""
+    return sorted(
+        reports,
+        key=lambda each: (each.settings.get("planner", "icgnet") != "icgnet", *(name(each) for name in names)),
+    )

@@ -1,0 +1,275 @@
+"""Reports of our benchmarks beside the published tables."""
+
+import json
+import math
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from icgnet.benchmark.comparison import compare
+from icgnet.benchmark.observation import NoiseName, ViewName
+from icgnet.benchmark.published_results import RATES
+from icgnet.benchmark.report_rows import FEW, MIXED, UNCOMMITTED
+from icgnet.benchmark.reports import find_reports
+from icgnet.errors import DataError, InputError
+
+WEIGHTS = "0123456789abcdef" * 4
+SEARCH = {"most": 5, "resample": True, "opening": "predicted"}
+
+
+def measured(mean: float, std: float = 1.0) -> dict[str, float]:
+    return {"mean": mean, "std": std, "low": mean - 2, "high": mean + 2}
+
+
+def origin(commit: str | None = "aaa") -> dict[str, object]:
+    return {"version": "0.1.0", "commit": commit, "processor": "Slow CPU", "cores": 2, "python": "3.11"}
+
+
+def clutter(gsr: float = 90.0, commit: str | None = "aaa", played: int = 400, **settings: object) -> dict[str, object]:
+    return {
+        "benchmark": "clutter",
+        "gsr": measured(gsr),
+        "dr": measured(gsr - 10),
+        "attempts": 500,
+        "rounds": played,
+        "failures": {"missed": 30, "too wide": 20, "nothing found": 7},
+        "touching": 11,
+        "lost": 4,
+        "settings": {
+            **{"planner": "icgnet", "weights": WEIGHTS, "search": SEARCH, "scene": "packed", "objects": "data/vgn"},
+            **{"split": "test", "view": "random", "noise": "gaussian", "protocol": "edge", "full_opening": True},
+            **{"runs": 4, "rounds": 100, "seed": 1, **settings},
+        },
+        "origin": origin(commit),
+    }
+
+
+def on_pictures(benchmark: str, values: dict[str, object], **settings: object) -> dict[str, object]:
+    common = {"objects": "procedural", "kind": "packed", "split": "test", "view": "random", "noise": "gaussian"}
+    return {
+        "benchmark": benchmark,
+        **values,
+        "settings": {**common, "scenes": 100, "seed": 1, "weights": WEIGHTS, "threads": 1, **settings},
+        "origin": origin(),
+    }
+
+
+def shapes(iou: float | None, chamfer: float | None, **settings: object) -> dict[str, object]:
+    numbers = {"iou": iou, "chamfer_l1_mm": chamfer}
+    scene = {name: None if value is None else measured(value) for name, value in numbers.items()}
+    return on_pictures("reconstruction", {"scene": scene, "scenes": 100}, **settings)
+
+
+@pytest.fixture
+def page(tmp_path):
+    """Writes reports into folders named a, b, ... and gives the page that comes of them."""
+
+    def make(*reports: dict[str, object]) -> str:
+        for name, report in zip("abcdefgh", reports, strict=False):
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "report.json").write_text(json.dumps(report))
+        return compare(find_reports([tmp_path]))
+
+    return make
+
+
+def rows(text: str, start: str) -> list[list[str]]:
+    """The cells of all rows that begin so."""
+    lines = [line for line in text.splitlines() if line.startswith(f"| {start}")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+
+
+def section(text: str, title: str) -> str:
+    """The part of a page under a heading, to the next one."""
+    return text.split(f"# {title}\n")[1].split("\n#")[0]
+
+
+def test_packed_and_pile_of_the_same_settings_share_a_row(page):
+    text = page(clutter(90.0), clutter(80.0, scene="pile"))
+    (row,) = rows(section(text, "Camera random, noise gaussian"), "icgnet")
+    assert row[0] == "icgnet 01234567"
+    assert row[1] == "edge, opening full; camera random, noise gaussian"
+    assert row[2] == "test objects of vgn, 4 x 100 rounds, seed 1"
+    assert row[3] == "icgnet 0.1.0 (aaa)"
+    assert row[4:] == [
+        *("90.0 ± 1.0 [88.0, 92.0]", "80.0 ± 1.0 [78.0, 82.0]", "80.0 ± 1.0 [78.0, 82.0]", "70.0 ± 1.0 [68.0, 72.0]")
+    ]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"protocol": "strict"},
+        {"full_opening": False},
+        {"objects": "procedural"},
+        {"split": "val"},
+        {"seed": 2},
+        {"runs": 1},
+        {"rounds": 50},
+        {"weights": "f" * 64},
+        {"search": {**SEARCH, "resample": False}},
+        {"planner": "oracle"},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_reports_that_cannot_be_compared_get_rows_of_their_own(page, change):
+    text = section(page(clutter(90.0), clutter(80.0, scene="pile", **change)), "Camera random, noise gaussian")
+    packed, pile = sorted(rows(text, "icgnet") + rows(text, "oracle"), key=lambda row: row[4] == "-")
+    assert packed[:3] != pile[:3]
+    assert packed[6:] == ["-", "-"]
+    assert pile[4:6] == ["-", "-"]
+
+
+def test_the_opening_of_the_search_and_the_one_not_given_decide_nothing(page):
+    one, other = {**SEARCH, "opening": "full"}, {**SEARCH, "opening": "predicted"}
+    text = page(clutter(search=one, opening=None), clutter(scene="pile", search=other, opening="full"))
+    assert len(rows(section(text, "Camera random, noise gaussian"), "icgnet")) == 1
+
+
+def test_two_measurements_of_the_same_are_told_apart_by_their_folders(page):
+    text = page(clutter(90.0), clutter(70.0, commit="bbb"), clutter(80.0, commit="bbb", scene="pile"))
+    first, second = rows(section(text, "Camera random, noise gaussian"), "icgnet")
+    assert [len(row[0].split(", in ")) for row in (first, second)] == [2, 2]
+    assert first[0].endswith("/a")
+    assert first[6] == "-"
+    assert second[4].startswith("70.0")  # with the pile of the same commit
+    assert second[6].startswith("80.0")
+
+
+def test_published_rows_stand_in_the_table_of_their_view_and_noise_only(page):
+    text = page(clutter(), clutter(view="side", noise="dex"), clutter(view="top"), clutter(noise="none"))
+    (usual,) = rows(section(text, "Camera random, noise gaussian"), "ICG-Net ")
+    assert usual[3].startswith("its authors")
+    assert usual[4:] == ["97.7 ± 0.9", "97.5 ± 0.3", "92.0 ± 2.6", "94.1 ± 1.4"]
+    (noisy,) = rows(section(text, "Camera side, noise dex"), "ICG-Net ")
+    assert noisy[4] == "60.3 ± 4.1"
+    assert rows(section(text, "Camera top, noise gaussian"), "ICG-Net, seen points only")[0][5] == "85"
+    assert [row[0] for row in rows(section(text, "Camera random, noise none"), "")][2:] == ["icgnet 01234567"]
+    assert section(text, "Camera random, noise gaussian").splitlines()[3].startswith("| icgnet")  # ours first
+
+
+def test_published_rows_are_of_views_and_noises_that_we_have():
+    assert {table.view for table in RATES} <= set(get_args(ViewName))
+    assert {table.noise for table in RATES} <= set(get_args(NoiseName))
+    assert all(table.source and table.protocol and row.measured_by for table in RATES for row in table.rows)
+
+
+def test_nothing_was_published_for_the_strict_protocol(page):
+    assert rows(page(clutter(protocol="strict")), "OrbitGrasp") == []
+
+
+def test_failures_are_counted_by_cause(page):
+    text = section(page(clutter()), "Why attempts failed")
+    header, row = rows(text, "method")[0], rows(text, "icgnet")[0]
+    assert dict(zip(header[3:], row[3:], strict=True)) == {
+        **{"kind": "packed", "attempts": "500", "failed": "50", "missed": "30", "too wide": "20"},
+        **{"nothing found": "7", "touching": "11", "lost": "4"},
+    }
+
+
+@pytest.mark.parametrize(
+    ("reports", "marks"),
+    [
+        ([clutter()], ""),
+        ([clutter(commit="aaa-dirty")], UNCOMMITTED),
+        ([clutter(commit=None)], UNCOMMITTED),
+        ([clutter(played=99)], FEW),
+        ([clutter(), clutter(commit="bbb", scene="pile")], MIXED),
+        ([shapes(50.0, 3.0) | {"scenes": 20}], FEW),
+    ],
+    ids=["none", "changed files", "no repository", "few rounds", "two commits", "few scenes"],
+)
+def test_rows_that_are_not_to_be_trusted_are_marked_and_the_marks_explained(page, reports, marks):
+    text = page(*reports)
+    assert rows(text, "icgnet")[0][0] == f"icgnet 01234567 {marks}".strip()
+    explained = [mark for mark in (UNCOMMITTED, FEW, MIXED) if f"\n- {mark} " in text]
+    assert explained == list(marks)
+
+
+def test_the_deviation_over_runs_is_left_out_where_there_is_only_one(page):
+    (row,) = rows(section(page(clutter(90.0, runs=1)), "Camera random, noise gaussian"), "icgnet")
+    assert row[4] == "90.0 [88.0, 92.0]"
+
+
+def test_a_rate_without_any_attempt_is_a_dash(page):
+    empty = clutter() | {"gsr": dict.fromkeys(("mean", "std", "low", "high"), math.nan)}
+    assert rows(section(page(empty), "Camera random, noise gaussian"), "icgnet")[0][4] == "-"
+
+
+def test_an_unusual_search_is_named(page):
+    (row,) = rows(section(page(clutter(search={**SEARCH, "resample": False})), "Camera random, noise gaussian"), "icg")
+    assert row[0] == "icgnet 01234567 (resample=False)"
+
+
+def test_shapes_stand_beside_the_papers(page):
+    text = section(page(shapes(84.1, 2.344), shapes(70.0, None, kind="pile", threads=2)), "Shapes")
+    (own,) = rows(text, "icgnet")
+    assert own[4:] == ["84.1 ± 1.0 [82.1, 86.1]", "2.34 ± 1.00 [0.34, 4.34]", "70.0 ± 1.0 [68.0, 72.0]", "-"]
+    assert rows(text, "ICG-Net")[0][4:] == ["84 ± 6.1", "2.3 ± 1.1", "77 ± 9.9", "2.9 ± 1.9"]
+    assert {row[0] for row in rows(text, "")} > {"GIGA", "NeuGraspNet"}
+
+
+def test_instances_and_times_have_sections(page):
+    names = ("instance_miou", "ap50", "pq", "class_pq", "class_accuracy")
+    scores = {name: measured(60.0 + index) for index, name in enumerate(names)}
+    stages = {"encode": 200.0, "collision": 90.0}
+    times = {"median_ms": 300.0, "p10_ms": 250.0, "p90_ms": 400.0, "device": "cpu", "threads": 1}
+    times |= {"stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
+    text = page(
+        on_pictures("segmentation", {**scores, "scenes": 100}, kind="pile"),
+        on_pictures("latency", times, weights=None, preset="paper", input="cloud"),
+    )
+    instances = rows(section(text, "Instances"), "icgnet")[0]
+    assert instances[3] == "pile"
+    assert [cell.split()[0] for cell in instances[5:]] == ["60.0", "61.0", "62.0", "63.0", "64.0"]
+    time = section(text, "Time")
+    assert rows(time, "method")[0][5:] == ["whole", "encode", "collision"]
+    own = rows(time, "icgnet")[0]
+    assert own[0] == "icgnet, untrained preset paper"
+    assert own[3] == "Slow CPU, cpu, 1 thread"
+    assert own[5:] == ["300 (250 to 400)", "200 (200 to 200)", "90 (90 to 90)"]
+    assert rows(time, "ICG-Net")[0][3:6:2] == ["NVIDIA RTX 3080", "138"]
+    assert "Clutter" not in text
+
+
+def test_a_bar_in_a_name_does_not_break_the_table(page):
+    text = page(clutter(planner="mine:A|B", weights=None, search=None))
+    assert len(rows(text, r"mine:A\|B")[0]) == 8
+
+
+def test_reports_are_found_in_folders_inside_of_folders_and_once(tmp_path):
+    for folder in ("one", "deep/er/two"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "report.json").write_text(json.dumps(clutter()))
+    reports = find_reports([tmp_path / "one", tmp_path])
+    assert [report.path.parent.name for report in reports] == ["one", "two"]
+
+
+def test_reports_of_other_kinds_are_named_and_not_enough_alone(page, tmp_path):
+    assert "Not on this page:" in page(clutter(), {"benchmark": "loader"})
+    with pytest.raises(InputError, match="clutter, reconstruction, segmentation, latency; found: loader"):
+        compare(find_reports([tmp_path / "b"]))
+
+
+def broken(tmp_path: Path, text: str) -> Path:
+    (tmp_path / "report.json").write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"benchmark": "clu', "report.json: cannot be read"),
+        ("[]", "does not say what it is of.*clutter, reconstruction, segmentation, latency"),
+        ('{"gsr": 1}', "does not say what it is of"),
+        ('{"benchmark": "beauty"}', "unknown kind 'beauty'.*clutter, reconstruction, segmentation, latency"),
+        ('{"benchmark": "clutter", "settings": {}}', "report.json: this clutter report has no settings.full_opening"),
+        (json.dumps(clutter() | {"gsr": {"mean": "a"}}), "gsr.mean must be a number, got 'a'"),
+        (json.dumps(clutter() | {"lost": 0.5}), "lost must be a whole number, got 0.5"),
+        (json.dumps(clutter() | {"failures": 3}), "failures must be names with values, got 3"),
+    ],
+)
+def test_a_report_that_cannot_be_used_is_named(tmp_path, text, message):
+    with pytest.raises(DataError, match=message):
+        compare(find_reports([broken(tmp_path, text)]))
