@@ -5,15 +5,20 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 
-from icgnet.benchmark.clutter import ROUNDS_FILE, ClutterJob, run_clutter, summarise
+from icgnet.benchmark import clutter, rounds
+from icgnet.benchmark.clutter import CONFIG_FILE, ROUNDS_FILE, ClutterJob, read_rounds, run_clutter, summarise
 from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.registry import BUILT_IN, PlannerSource
+from icgnet.benchmark.record import REPORT_FILE
 from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
 from icgnet.datagen.pool import local_pool
 from icgnet.errors import DataError, InputError
+from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from icgnet.simulation.scene import Scene
 
 CHANCE = ClutterConfig(planner=PlannerSource("random"), scene="packed", split="val", runs=2, rounds=2)
 
@@ -58,18 +63,79 @@ def world():
 
 
 def test_rates_are_pooled_in_a_run_and_averaged_over_runs():
-    rounds = [
-        Round(0, 0, placed=4, skips=1, left=1, lost=0, attempts=[attempt(True)] * 3),
-        Round(0, 1, placed=1, skips=0, left=1, lost=0, attempts=[attempt(False)]),
-        Round(1, 0, placed=2, skips=0, left=0, lost=1, attempts=[attempt(True), attempt(False, "too wide")]),
+    played = [
+        Round(0, 0, placed=4, skips=1, left=1, lost=0, attempts=[attempt(True)] * 3, skipped=[]),
+        Round(0, 1, placed=1, skips=0, left=1, lost=0, attempts=[attempt(False)], skipped=[]),
+        Round(
+            1, 0, placed=2, skips=0, left=0, lost=1, attempts=[attempt(True), attempt(False, "too wide")], skipped=[]
+        ),
     ]
-    numbers = summarise(rounds)
+    numbers = summarise(played)
     assert numbers.gsr.mean == pytest.approx((75.0 + 50.0) / 2)
     assert numbers.gsr.std == pytest.approx(12.5)
     assert numbers.dr.mean == pytest.approx((60.0 + 50.0) / 2)
     assert numbers.gsr.low < 100 * 4 / 6 < numbers.gsr.high
     assert numbers.failures == {"missed": 1, "too wide": 1, "nothing found": 1}
     assert (numbers.attempts, numbers.rounds, numbers.objects, numbers.lost) == (6, 3, 7, 1)
+
+
+def test_the_interval_is_the_one_of_wilson():
+    """Nine of ten, as in any table of Wilson's intervals."""
+    one = Round(0, 0, 10, 0, 1, 0, attempts=[attempt(True)] * 9 + [attempt(False)], skipped=[])
+    numbers = summarise([one])
+    assert (numbers.gsr.low, numbers.gsr.high) == pytest.approx((59.58, 98.21), abs=0.01)
+    assert (numbers.dr.low, numbers.dr.high) == pytest.approx((59.58, 98.21), abs=0.01)
+
+
+NOTHING = Scene("packed", ())
+
+
+class Script:
+    """A workcell of many objects, and a planner, to which happens what a text says, one letter for each picture.
+
+    The letters: S a success, F a failure, and 0 a picture in which nothing is found.
+    """
+
+    needs_truth = False
+
+    def __init__(self, text: str) -> None:
+        self._letters, self._now, self.remaining = iter(text), "", np.arange(100)
+
+    def scene(self):
+        return NOTHING
+
+    def plan(self, observation):
+        self._now = next(self._letters)
+        return Plan.nothing() if self._now == "0" else Plan(np.eye(4)[None], np.array([0.08]), np.ones(1))
+
+    def result(self, shot: Shot) -> Attempt:
+        return replace(attempt(self._now == "S"), attempt=shot.attempt)
+
+
+@pytest.mark.parametrize(
+    ("text", "pictures", "skips"),
+    [
+        ("FSFSFF", 6, 0),  # a success resets the failures
+        ("FFSSSS", 2, 0),
+        ("F0F0SS", 3, 1),  # a picture without a grasp does not reset them
+        ("F00S0S", 5, 3),
+        ("0S0S0S", 5, 3),  # neither a success nor a failure resets the skips
+        ("0F0S0S", 5, 3),
+    ],
+)
+def test_two_failures_in_a_row_or_three_skips_in_all_end_a_round(text, pictures, skips, monkeypatch, world):
+    script = Script(text)
+    nobody = Observation(PointCloud(np.zeros((0, 3)), np.zeros(3)), np.zeros((2, 2)), np.eye(3), np.eye(4), 0.05,
+                         world[1], full_opening=True, rng=np.random.default_rng(0))  # fmt: skip
+    monkeypatch.setattr(rounds, "round_scene", lambda *_: NOTHING)
+    monkeypatch.setattr(rounds, "Workcell", lambda *_: script)
+    monkeypatch.setattr(rounds, "look", lambda *_: nobody)
+    monkeypatch.setattr(rounds, "carry_out", lambda config, cell, shot, *_: script.result(shot))
+    played = play_round(CHANCE, 0, 0, script, *world)
+    assert (len(played.attempts) + len(played.skipped), played.skips) == (pictures, skips)
+    numbers = [each.attempt for each in (*played.attempts, *played.skipped)]
+    assert sorted(numbers) == list(range(pictures)), "every picture has a camera of its own"
+    assert [each.success for each in played.attempts] == [letter == "S" for letter in text[:pictures] if letter != "0"]
 
 
 def test_a_round_ends_after_three_pictures_in_which_nothing_is_found(world):
@@ -143,15 +209,25 @@ def test_another_seed_gives_another_round_17_of_run_2(world, by_chance):
     assert [placed.T_world_object.tolist() for placed in other.objects] != first_picture(by_chance).object_poses
 
 
+def made_up_round(run: int, number: int) -> Round:
+    """One success, one failure, one skip."""
+    return Round(run, number, 2, 1, 1, 0, [attempt(True), attempt(False)], [skipped()])
+
+
+def skipped() -> Shot:
+    return Shot(0, 0, 2, [], [], [], np.eye(4).tolist())
+
+
+def write_rounds(folder, count: int) -> None:
+    """The first rounds of a benchmark."""
+    numbers = [divmod(number, CHANCE.rounds) for number in range(count)]
+    lines = [json.dumps(asdict(made_up_round(*each))) + "\n" for each in numbers]
+    (folder / ROUNDS_FILE).write_text("".join(lines))
+
+
 def test_the_report_has_what_others_read(tmp_path):
     """Its rounds are there already, so that nothing is played."""
-    won, missed = asdict(attempt(True)), asdict(attempt(False))
-    rounds = [
-        {"run": run, "round": number, "placed": 2, "skips": 1, "left": 1, "lost": 0, "attempts": [won, missed]}
-        for run in range(CHANCE.runs)
-        for number in range(CHANCE.rounds)
-    ]
-    (tmp_path / ROUNDS_FILE).write_text("".join(json.dumps(each) + "\n" for each in rounds))
+    write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
     run_clutter(CHANCE, tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["gsr"]["mean"] == report["dr"]["mean"] == 50.0
@@ -160,6 +236,92 @@ def test_the_report_has_what_others_read(tmp_path):
     assert report["failures"] == {"missed": 4, "nothing found": 4}
     assert {"settings", "origin"} <= report.keys()
     assert len((tmp_path / "attempts.jsonl").read_text().splitlines()) == 8
+
+
+@pytest.fixture
+def playing(monkeypatch):
+    """Rounds that take no time, played with the source of a commit that the test chooses."""
+
+    def play(folder, commit: str | None) -> dict[str, object]:
+        """The report that comes of it."""
+        monkeypatch.setattr(clutter, "play_round", lambda config, run, number, *_: made_up_round(run, number))
+        monkeypatch.setattr(clutter, "source_commit", lambda: commit)
+        run_clutter(CHANCE, folder)
+        return json.loads((folder / REPORT_FILE).read_text())
+
+    return play
+
+
+def kill(folder, left: int) -> None:
+    """Leaves some of the rounds, and no report."""
+    lines = (folder / ROUNDS_FILE).read_text().splitlines(keepends=True)
+    (folder / ROUNDS_FILE).write_text("".join(lines[:left]))
+    (folder / REPORT_FILE).unlink()
+
+
+def test_the_report_names_every_commit_that_rounds_were_played_with(tmp_path, playing):
+    assert playing(tmp_path, "aaa")["commits"] == ["aaa"]
+    kill(tmp_path, left=2)
+    assert playing(tmp_path, "bbb-dirty")["commits"] == ["aaa", "bbb-dirty"]
+    kill(tmp_path, left=3)
+    assert playing(tmp_path, "aaa")["commits"] == ["aaa", "bbb-dirty"]
+
+
+def test_a_finished_benchmark_goes_on_naming_the_code_that_made_it(tmp_path, playing):
+    first = playing(tmp_path, "aaa")
+    assert playing(tmp_path, "bbb") == first
+    (tmp_path / REPORT_FILE).unlink()
+    assert playing(tmp_path, "bbb")["commits"] == ["aaa"], "it only counted"
+
+
+@pytest.mark.parametrize(
+    ("report", "commits"),
+    [({"origin": {"commit": "old"}}, ["old", "new"]), (None, [None, "new"])],
+    ids=["with a report", "without"],
+)
+def test_of_rounds_that_no_commit_was_noted_for_the_report_says_or_it_is_unknown(tmp_path, playing, report, commits):
+    write_rounds(tmp_path, 3)
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(clutter.settings(CHANCE)))
+    if report is not None:
+        (tmp_path / REPORT_FILE).write_text(json.dumps(report))
+    assert playing(tmp_path, "new")["commits"] == commits
+
+
+def test_a_finished_folder_without_noted_commits_is_left_as_it_is(tmp_path, playing):
+    write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(clutter.settings(CHANCE)))
+    (tmp_path / REPORT_FILE).write_text(json.dumps({"origin": {"commit": "old"}}))
+    before = {path.name: path.read_text() for path in tmp_path.glob("*.json*")}
+    playing(tmp_path, "new")
+    assert {path.name: path.read_text() for path in tmp_path.glob("*.json*")} == before
+
+
+def test_with_one_worker_the_planner_is_made_once(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(clutter, "load_planner", lambda source: made.append(source) or NothingFound())
+    run_clutter(replace(CHANCE, runs=1), tmp_path)
+    assert len(made) == 1
+    assert len(read_rounds(tmp_path / ROUNDS_FILE)) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda row: {key: row[key] for key in row if key != "skipped"}, "line 2: this round has no 'skipped'"),
+        (lambda row: {**row, "weather": "fine"}, "line 2: not a round: .*weather"),
+        (lambda row: {**row, "attempts": [{"run": 0}]}, "line 2: not a round: .*missing"),
+        (lambda row: [row], "line 2: not a round"),
+        (None, "line 2: not a round: Expecting"),
+    ],
+    ids=["lacks something", "says more", "half an attempt", "a list", "no JSON"],
+)
+def test_a_line_that_is_no_round_is_named(tmp_path, change, message):
+    write_rounds(tmp_path, 3)
+    lines = (tmp_path / ROUNDS_FILE).read_text().splitlines()
+    lines[1] = "{" if change is None else json.dumps(change(json.loads(lines[1])))
+    (tmp_path / ROUNDS_FILE).write_text("\n".join(lines) + "\n")
+    with pytest.raises(DataError, match=f"{ROUNDS_FILE}, {message}"):
+        read_rounds(tmp_path / ROUNDS_FILE)
 
 
 @pytest.mark.slow

@@ -58,7 +58,8 @@ def on_pictures(benchmark: str, values: dict[str, object], **settings: object) -
 def shapes(iou: float | None, chamfer: float | None, **settings: object) -> dict[str, object]:
     numbers = {"iou": iou, "chamfer_l1_mm": chamfer}
     scene = {name: None if value is None else measured(value) for name, value in numbers.items()}
-    return on_pictures("reconstruction", {"scene": scene, "scenes": 100}, **settings)
+    counts = {"scenes": 100, "without_shape": 0 if chamfer is not None else 100}
+    return on_pictures("reconstruction", {"scene": scene, **counts}, **settings)
 
 
 @pytest.fixture
@@ -176,15 +177,49 @@ def test_failures_are_counted_by_cause(page):
         ([clutter(commit=None)], UNCOMMITTED),
         ([clutter(played=99)], FEW),
         ([clutter(), clutter(commit="bbb", scene="pile")], MIXED),
+        ([clutter() | {"commits": ["aaa", "bbb"]}], MIXED),
+        ([clutter() | {"commits": ["aaa-dirty", "bbb"]}], UNCOMMITTED + MIXED),
+        ([clutter() | {"commits": [None, "bbb"]}], UNCOMMITTED + MIXED),
+        ([clutter(commit="ccc-dirty") | {"commits": ["aaa"]}], ""),
         ([shapes(50.0, 3.0) | {"scenes": 20}], FEW),
     ],
-    ids=["none", "changed files", "no repository", "few rounds", "two commits", "few scenes"],
+    ids=[
+        *(
+            "none",
+            "changed files",
+            "no repository",
+            "few rounds",
+            "two commits",
+            "resumed",
+            "resumed from changed files",
+        ),
+        *("resumed from what is not known", "counted with another commit", "few scenes"),
+    ],
 )
 def test_rows_that_are_not_to_be_trusted_are_marked_and_the_marks_explained(page, reports, marks):
     text = page(*reports)
-    assert rows(text, "icgnet")[0][0] == f"icgnet 01234567 {marks}".strip()
+    assert rows(text, "icgnet")[0][0] == f"icgnet 01234567 {' '.join(marks)}".strip()
     explained = [mark for mark in (UNCOMMITTED, FEW, MIXED) if f"\n- {mark} " in text]
     assert explained == list(marks)
+
+
+def test_a_row_names_every_commit_that_its_rounds_were_played_with(page):
+    text = page(clutter() | {"commits": ["aaa", "bbb"]}, clutter(scene="pile") | {"commits": [None, "bbb"]})
+    (row,) = rows(section(text, "Camera random, noise gaussian"), "icgnet")
+    assert row[3] == "icgnet 0.1.0 (aaa), 0.1.0 (bbb), 0.1.0 (no commit)"
+
+
+def test_the_page_says_that_its_intervals_are_probably_too_narrow(page):
+    assert "not independent, it is probably too narrow" in " ".join(page(clutter()).split())
+
+
+def test_published_rows_of_one_source_may_have_protocols_of_their_own(page):
+    text = section(page(clutter()), "Camera random, noise gaussian")
+    noise = {start: rows(text, start)[0][1].rpartition("; ")[2] for start in ("ICG-Net", "GIGA-HR", "GIGA ", "VGN")}
+    assert noise == {
+        **{"ICG-Net": "0.8 mm on the points", "GIGA-HR": "0.8 mm on the depth of each pixel"},
+        **{"GIGA ": "0.8 mm on the depth of each pixel", "VGN": "noise not checked"},
+    }
 
 
 def test_the_deviation_over_runs_is_left_out_where_there_is_only_one(page):
@@ -205,8 +240,10 @@ def test_an_unusual_search_is_named(page):
 def test_shapes_stand_beside_the_papers(page):
     text = section(page(shapes(84.1, 2.344), shapes(70.0, None, kind="pile", threads=2)), "Shapes")
     (own,) = rows(text, "icgnet")
-    assert own[4:] == ["84.1 ± 1.0 [82.1, 86.1]", "2.34 ± 1.00 [0.34, 4.34]", "70.0 ± 1.0 [68.0, 72.0]", "-"]
-    assert rows(text, "ICG-Net")[0][4:] == ["84 ± 6.1", "2.3 ± 1.1", "77 ± 9.9", "2.9 ± 1.9"]
+    assert own[4:7] == ["84.1 ± 1.0 [82.1, 86.1]", "2.34 ± 1.00 [0.34, 4.34]", "0"]
+    assert own[7:] == ["70.0 ± 1.0 [68.0, 72.0]", "-", "100"]
+    assert rows(text, "method")[0][6] == "packed scenes without a shape"
+    assert rows(text, "ICG-Net")[0][4:] == ["84 ± 6.1", "2.3 ± 1.1", "-", "77 ± 9.9", "2.9 ± 1.9", "-"]
     assert {row[0] for row in rows(text, "")} > {"GIGA", "NeuGraspNet"}
 
 
@@ -267,6 +304,8 @@ def broken(tmp_path: Path, text: str) -> Path:
         ('{"benchmark": "clutter", "settings": {}}', "report.json: this clutter report has no settings.full_opening"),
         (json.dumps(clutter() | {"gsr": {"mean": "a"}}), "gsr.mean must be a number, got 'a'"),
         (json.dumps(clutter() | {"lost": 0.5}), "lost must be a whole number, got 0.5"),
+        (json.dumps(clutter() | {"commits": []}), "commits must be names of at least one commit, got \\[\\]"),
+        (json.dumps(clutter() | {"commits": "aaa"}), "commits must be names of at least one commit, got 'aaa'"),
         (json.dumps(clutter() | {"failures": 3}), "failures must be names with values, got 3"),
     ],
 )

@@ -10,6 +10,7 @@ REPORT = {
     "benchmark": "reconstruction",
     "scene": {"iou": SPREAD, "chamfer_l1_mm": SPREAD},
     "scenes": 100,
+    "without_shape": 0,
     "settings": {**SETTINGS, "scenes": 100, "seed": 1, "weights": "a" * 64},
     "origin": {"version": "0.1.0", "commit": "abc"},
 }

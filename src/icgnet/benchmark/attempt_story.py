@@ -31,6 +31,7 @@ EXPLANATIONS = {
     Cause.SLIPPED_LIFTING.value: "Both fingers held {target}, but it was gone after the lift.",
     Cause.WRONG_OBJECT.value: "It was for {target}, but {held} came up.",
     Cause.TWO_OBJECTS.value: "{target} came up, but together with other things: {held}.",
+    Cause.UNSTABLE.value: "The simulation became unstable, which is no fault of the grasp; everything was put back.",
 }
 REASONS = {
     "low_score": "scored too low",
@@ -204,7 +205,7 @@ def _nothing_found(observation: Observation, prediction: Prediction | None, stan
         return "The camera saw too little: the cloud is empty."
     if prediction is None:
         return f"The planner found no grasp in a cloud of {len(observation.cloud)} points."
-    return f"{_found(prediction, standing).capitalize()}; candidates: {_dropped(prediction)}."
+    return f"{_found(prediction, standing)}; candidates: {_dropped(prediction)}."
 
 
 def _dropped(prediction: Prediction) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.planners.registry import PlannerSource, load_planner
-from icgnet.benchmark.record import REPORT_FILE, write_report
+from icgnet.benchmark.record import REPORT_FILE, source_commit, write_report
 from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
 from icgnet.datagen.files import new_file, write_json
 from icgnet.datagen.lock import locked
@@ -38,7 +38,7 @@ class Rate:
     Attributes:
         mean: over the runs.
         std: population standard deviation over the runs, as published.
-        low: lower end of the 95 % interval of the pooled rate (Wilson).
+        low: lower end of the 95 % interval of the pooled rate (Wilson), as if all attempts were independent.
         high: upper end.
     """
 
@@ -147,20 +147,23 @@ def run_clutter(
     """Plays all rounds that a folder lacks, and writes what came of them.
 
     Writes config.json, rounds.jsonl (a line for each finished round, so that a killed benchmark goes on where it was),
-    attempts.jsonl and report.json.
+    attempts.jsonl and report.json, which names every commit that rounds were played with.
 
     Args:
         config: of the benchmark.
         out: folder, made if it is missing.
-        workers: processes; the result does not depend on their number, but for the times.
+        workers: processes. Every round draws the same whatever their number is; only the times differ, and what a
+            planner computes otherwise with another number of threads, since each of several workers has one.
         on_round: called with all finished rounds, at the start and after each one.
 
     Raises:
         InputError: unknown planner or objects.
-        DataError: a folder with another benchmark, or one that another process is writing into.
+        DataError: a folder with another benchmark, one that another process is writing into, or a round there that
+            cannot be read.
     """
     job = ClutterJob(config, load_object_set(config.objects), load_gripper())
-    load_planner(config.planner)  # what is wrong with it shows here, and not in a worker
+    # What is wrong with the planner shows here, and not in a worker. A single process goes on with this one.
+    _planners[config.planner] = load_planner(config.planner)
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _check_config(out / CONFIG_FILE, config)
@@ -168,6 +171,7 @@ def run_clutter(
         on_round(rounds)
         done = {each.run * config.rounds + each.round for each in rounds}
         missing = [number for number in range(config.runs * config.rounds) if number not in done]
+        commits = _commits(out, config, played=bool(rounds), goes_on=bool(missing))
         with (out / ROUNDS_FILE).open("a") as file, closing(local_pool(job, workers)) as pool:
             for finished in pool.make(missing):
                 file.write(json.dumps(asdict(finished)) + "\n")
@@ -176,10 +180,9 @@ def run_clutter(
                 on_round(rounds)
         rounds.sort(key=lambda each: (each.run, each.round))
         numbers = summarise(rounds)
-        # The report of a finished benchmark goes on naming the code that made it.
         if missing or not (out / REPORT_FILE).is_file():
             _write_attempts(out / ATTEMPTS_FILE, rounds)
-            report = {"benchmark": "clutter", **asdict(numbers), "protocol": config.protocol}
+            report = {"benchmark": "clutter", **asdict(numbers), "protocol": config.protocol, "commits": commits}
             write_report(out, {**report, "settings": settings(config)})
     return numbers
 
@@ -194,35 +197,84 @@ def settings(config: ClutterConfig) -> dict[str, object]:
 
 
 def _check_config(path: Path, config: ClutterConfig) -> None:
-    """Writes the configuration, or makes sure that the one that is there is the same.
+    """Makes sure that the configuration of a folder, if there is one, is this one.
 
     Raises:
         DataError: another benchmark is in the folder.
     """
-    now = settings(config)
-    if path.is_file():
-        there = json.loads(path.read_text())
-        changes = [f"{key} is {there.get(key)!r} there, {now[key]!r} now" for key in now if there.get(key) != now[key]]
-        if changes:
-            raise DataError(f"{path.parent}: holds another benchmark: {'; '.join(changes)}")
-    write_json(path, now)
+    now, there = settings(config), _read_object(path)
+    changes = [f"{key} is {there.get(key)!r} there, {now[key]!r} now" for key in now if there.get(key) != now[key]]
+    if there and changes:
+        raise DataError(f"{path.parent}: holds another benchmark: {'; '.join(changes)}")
+
+
+def _commits(out: Path, config: ClutterConfig, *, played: bool, goes_on: bool) -> list[str | None]:
+    """The commits that the rounds of a folder were played with; None stands for one that is not known.
+
+    Args:
+        out: the folder; its configuration is written if it lacks one, or if rounds are going to be played.
+        config: of the benchmark.
+        played: whether it holds rounds.
+        goes_on: whether rounds are going to be played, with the source that runs now.
+    """
+    there = _read_object(out / CONFIG_FILE)
+    commits = there.get("commits")
+    if commits is None:  # no rounds yet, or rounds of a version that named one commit, in the report
+        origin = _read_object(out / REPORT_FILE).get("origin")
+        commits = [origin.get("commit") if isinstance(origin, dict) else None] if played else []
+    if goes_on:
+        commits = list(dict.fromkeys([*commits, source_commit()]))
+    if goes_on or not there:
+        write_json(out / CONFIG_FILE, {**settings(config), "commits": commits})
+    return commits
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    """The names and values in a file; none if it is missing.
+
+    Raises:
+        DataError: something else is in it.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        values = json.loads(path.read_text())
+    except (ValueError, OSError) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
+    if not isinstance(values, dict):
+        raise DataError(f"{path}: must hold names with values, got {values!r}")
+    return values
 
 
 def read_rounds(path: Path) -> list[Round]:
-    """The finished rounds of a file; a last line that was cut off by a kill is cut away."""
+    """The finished rounds of a file; a last line that was cut off by a kill is cut away.
+
+    Raises:
+        DataError: a line that is no round.
+    """
     if not path.is_file():
         return []
     text = path.read_text()
     complete = text[: text.rfind("\n") + 1]
     if complete != text:
         path.write_text(complete)
-    rows = [json.loads(line) for line in complete.splitlines()]
-    return [_round(row) for row in rows]
+    return [_round(line, f"{path}, line {number}") for number, line in enumerate(complete.splitlines(), start=1)]
 
 
-def _round(row: dict[str, Any]) -> Round:
-    attempts = [Attempt(**attempt) for attempt in row["attempts"]]
-    return Round(**{**row, "attempts": attempts, "skipped": [Shot(**shot) for shot in row.get("skipped", [])]})
+def _round(line: str, place: str) -> Round:
+    """The round that a line holds.
+
+    Raises:
+        DataError: it holds none.
+    """
+    try:
+        row = json.loads(line)
+        attempts, skipped = [Attempt(**each) for each in row["attempts"]], [Shot(**each) for each in row["skipped"]]
+        return Round(**{**row, "attempts": attempts, "skipped": skipped})
+    except KeyError as error:
+        raise DataError(f"{place}: this round has no {error.args[0]!r}; delete the line to play it again") from error
+    except (ValueError, TypeError) as error:
+        raise DataError(f"{place}: not a round: {error}; delete the line to play it again") from error
 
 
 def _write_attempts(path: Path, rounds: Sequence[Round]) -> None:

@@ -28,8 +28,9 @@ SECTIONS = ("clutter", "reconstruction", "segmentation", "latency")
 INTRODUCTION = """# Benchmark
 
 Ours: mean ± population standard deviation [95 % interval]. Rates vary over runs, if there are several, with Wilson's
-interval of all attempts or objects; shapes and instances vary over scenes, with a bootstrap over them. Published: as
-printed. docs/benchmark.md explains cameras, noise and rules; where they differ, a comparison is not fair."""
+interval of all attempts (GSR) or all objects (DR); as those of one round are not independent, it is probably too
+narrow, above all for DR. Shapes and instances vary over scenes, with a bootstrap over them. Published: as printed.
+docs/benchmark.md explains cameras, noise and rules; where they differ, a comparison is not fair."""
 SCORES = {
     "instance_miou": "mean IoU",
     "ap50": "AP50",
@@ -94,7 +95,7 @@ def _rates(pair: Pair) -> Row:
 def _published(printed: PublishedTable) -> list[Row]:
     return [
         Row(
-            (row.method, printed.protocol, printed.scenes),
+            (row.method, row.protocol or printed.protocol, printed.scenes),
             (f"{row.measured_by} ({printed.source})", row.packed_gsr, row.packed_dr, row.pile_gsr, row.pile_dr),
         )
         for row in printed.rows
@@ -135,22 +136,27 @@ def _shapes(reports: Sequence[Report]) -> list[str]:
     headers = ("method", "protocol", "scenes", "measured by", *(f"{k} {n}" for k in ("packed", "pile") for n in _SHAPE))
     rows = []
     for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), "kind", irrelevant=("threads",)):
-        values = [
-            _spread(each, digits, "scene", name)
-            for each in (pair.packed, pair.pile)
-            for name, digits in (("iou", 1), ("chamfer_l1_mm", 2))
-        ]
+        values = [value for each in (pair.packed, pair.pile) for value in _shape_values(each)]
         labels = (method_name(pair.first), camera_and_noise(pair.first), pictures(pair.first))
         rows.append(Row(labels, (source(pair.reports), *values), pair.reports))
     for each in SHAPES:
-        values = (each.packed_iou, each.packed_chamfer, each.pile_iou, each.pile_chamfer)
+        values = (each.packed_iou, each.packed_chamfer, NOTHING, each.pile_iou, each.pile_chamfer, NOTHING)
         rows.append(Row((each.method, each.protocol, each.scenes), (each.measured_by, *values)))
-    return [
-        f"## Shapes\n\nWhole scenes: the union of all predicted shapes against all true ones.\n\n{table(headers, rows)}"
-    ]
+    meaning = (
+        "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
+        "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
+    )
+    return [f"## Shapes\n\n{meaning}\n\n{table(headers, rows)}"]
 
 
-_SHAPE = ("IoU, %", "C-L1, mm")
+_SHAPE = ("IoU, %", "C-L1, mm", "scenes without a shape")
+
+
+def _shape_values(report: Report | None) -> tuple[str, ...]:
+    if report is None:
+        return (NOTHING,) * len(_SHAPE)
+    rates = (_spread(report, digits, "scene", name) for name, digits in (("iou", 1), ("chamfer_l1_mm", 2)))
+    return (*rates, str(report.count("without_shape")))
 
 
 def _instances(reports: Sequence[Report]) -> list[str]:

@@ -71,7 +71,7 @@ def worst(rounds: Sequence[Round], count: int) -> list[Shot]:
     """At most `count` failures, one of each cause after the other, the most frequent cause first.
 
     Of a cause, those that the planner trusted most come first. Of the pictures in which nothing was found, the first
-    ones of their round come first, and of these those with most objects.
+    ones of their round come first, and of these those with the most objects.
 
     Raises:
         InputError: fewer than none wanted.

@@ -38,7 +38,7 @@ def origin() -> Origin:
         package = version("icgnet")
     except PackageNotFoundError:
         package = "unknown"
-    return Origin(package, _commit(), _processor(), os.cpu_count() or 1, platform.python_version())
+    return Origin(package, source_commit(), _processor(), os.cpu_count() or 1, platform.python_version())
 
 
 def write_report(out: Path | None, report: Mapping[str, object]) -> None:
@@ -51,13 +51,21 @@ def write_report(out: Path | None, report: Mapping[str, object]) -> None:
         write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
 
 
-def _commit() -> str | None:
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+def source_commit(file: Path = Path(__file__)) -> str | None:
+    """The commit that holds a file of this package, with "-dirty" if files had changed; None if there is none."""
     try:
-        result = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+        # The environment that the package is installed in may lie in a repository of the user's.
+        _git(file.parent, "ls-files", "--error-unmatch", file.name)
+        return _git(file.parent, "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*") or None
     except (OSError, subprocess.SubprocessError):
         return None
-    return result.stdout.strip() or None
+
+
+def _git(folder: Path, *command: str) -> str:
+    """What git says in a folder."""
+    return subprocess.run(
+        ["git", "-C", str(folder), *command], capture_output=True, text=True, timeout=10, check=True
+    ).stdout.strip()
 
 
 def _processor() -> str:

@@ -14,9 +14,10 @@ NOTHING = "-"
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
 UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
 NOTES: Mapping[str, str] = {
-    UNCOMMITTED: "made with source that no commit holds: files had changed, or there was no repository.",
+    UNCOMMITTED: "made, at least in part, with source that no commit is known to hold: files had changed, or there was "
+    "no repository.",
     FEW: f"fewer than {MANY_ROUNDS} rounds or scenes.",
-    MIXED: "packed and pile were measured with different source.",
+    MIXED: "packed and pile, or the rounds of one of them, were measured with different source.",
 }
 """What the marks of a row mean."""
 
@@ -86,9 +87,8 @@ def pair_up(reports: Iterable[Report], scene_key: str, irrelevant: Iterable[str]
         if len(set(scenes)) == len(scenes):
             pairs += _pairs(group, scene_key)
         else:
-            commits = dict.fromkeys(report.commit for report in group)
-            for commit in commits:
-                pairs += _pairs([report for report in group if report.commit == commit], scene_key)
+            for commits in dict.fromkeys(report.commits for report in group):
+                pairs += _pairs([report for report in group if report.commits == commits], scene_key)
     return pairs
 
 
@@ -108,11 +108,12 @@ def _key(settings: Mapping[str, Any], ignored: set[str]) -> str:
 
 def _marks(reports: Sequence[Report]) -> list[str]:
     found = []
-    if any(report.commit is None or report.commit.endswith("-dirty") for report in reports):
+    commits = {commit for report in reports for commit in report.commits}
+    if any(commit is None or commit.endswith("-dirty") for commit in commits):
         found.append(UNCOMMITTED)
     if any(_is_small(report) for report in reports):
         found.append(FEW)
-    if len({report.commit for report in reports}) > 1:
+    if len(commits) > 1:
         found.append(MIXED)
     return found
 
@@ -160,8 +161,10 @@ def pictures(report: Report) -> str:
 
 
 def source(reports: Sequence[Report]) -> str:
-    """Who measured: this package, in which state."""
-    states = dict.fromkeys(f"{each.value('origin', 'version')} ({each.commit or 'no commit'})" for each in reports)
+    """Who measured: this package, in which states."""
+    states = dict.fromkeys(
+        f"{each.value('origin', 'version')} ({commit or 'no commit'})" for each in reports for commit in each.commits
+    )
     return f"icgnet {', '.join(states)}"
 
 

@@ -94,9 +94,17 @@ class Report:
         return self.mapping("settings")
 
     @property
-    def commit(self) -> str | None:
-        """The source that the numbers were made with, if it is known."""
-        return self.value("origin", "commit")
+    def commits(self) -> tuple[str | None, ...]:
+        """The sources that the numbers were made with, at least one; None stands for one that is not known.
+
+        Raises:
+            DataError: something else lies there.
+        """
+        # A benchmark that cannot be interrupted and resumed has no list of them.
+        commits = self.values["commits"] if "commits" in self.values else [self.value("origin", "commit")]
+        if not isinstance(commits, list) or not commits or not all(isinstance(each, str | None) for each in commits):
+            raise DataError(f"{self.path}: commits must be names of at least one commit, got {commits!r}")
+        return tuple(commits)
 
 
 def find_reports(folders: Sequence[Path]) -> list[Report]:

@@ -4,7 +4,7 @@ Paper: "Experiments". The rules are those of the published benchmark code; docs/
 """
 
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -18,9 +18,9 @@ from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
 OBJECTS = 5  # tried for in every scene
-FAILURES_IN_A_ROW, SKIPS = 2, 3  # so many end a round
+FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
 NOTHING_FOUND = "nothing found"  # the cause that pictures are skipped for
-SCENE, CAMERA, PLANNER = 0, 1, 2  # purposes of random streams
+SCENE, CAMERA, PLANNER = 0, 1, 2  # what a random stream is for; each has its own
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Attempt(Shot):
         target: name of the object that the grasp was for.
         target_class: its class.
         held: names of what the hand touched at the end.
-        touched: names of what else than the target it touched before closing.
+        touched: names of what it touched other than the target, before it closed.
         lost: names of what left the workspace because of it.
         plan_seconds: time that the planner took.
     """
@@ -89,7 +89,7 @@ class Round:
         left: objects on the table at the end.
         lost: objects that were pushed out of the workspace.
         attempts: the grasps, in their order.
-        skipped: the pictures that were skipped; none in files of earlier versions, which only counted them.
+        skipped: these pictures.
     """
 
     run: int
@@ -99,7 +99,7 @@ class Round:
     left: int
     lost: int
     attempts: list[Attempt]
-    skipped: list[Shot] = field(default_factory=list)
+    skipped: list[Shot]
 
     @property
     def successes(self) -> int:

@@ -47,7 +47,7 @@ class Clutter:
     rounds: int = 100
     """Scenes of a run."""
     workers: int = 1
-    """Processes; the result does not depend on it."""
+    """Processes; every round draws the same whatever their number is."""
     seed: int = 1
     """Of every random draw."""
     weights: Path | None = None

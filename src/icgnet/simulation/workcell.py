@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import invert_transform, make_transform, transform_points
@@ -15,7 +15,7 @@ from icgnet.simulation.motion import line_at_constant_speed, steps_in
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.scene import Scene
 from icgnet.simulation.settling import Settling
-from icgnet.simulation.trials import retreat_vector
+from icgnet.simulation.trials import LIFT, retreat_vector
 from icgnet.simulation.world import World
 
 TABLE = -2  # stands for the table in lists of touched objects
@@ -33,6 +33,7 @@ class Cause(Enum):
     SLIPPED_LIFTING = "slipped on lifting"
     WRONG_OBJECT = "wrong object"
     TWO_OBJECTS = "two objects"
+    UNSTABLE = "simulation unstable"
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,12 @@ class Protocol:
     Attributes:
         name: of the protocol.
         free_approach: fail when the hand touches anything but the target before it closes.
-        named_object: the target alone must be held, by both fingers; otherwise touching anything will do.
+        named_object: in the end both fingers must hold the target, its centre of mass must have risen by 80 % of
+            `rise`, and that of no other object, whether the hand touches it or it is carried along; otherwise touching
+            anything will do.
         min_opening: a hand that is closed further than this holds nothing [m].
+        rise: after the retreat, which may be oblique, the hand goes on straight up until it has risen by this in all
+            [m]; 0 for the retreat alone.
         keep_time: how long to hold after the lift [s].
     """
 
@@ -51,18 +56,20 @@ class Protocol:
     free_approach: bool
     named_object: bool
     min_opening: float
+    rise: float
     keep_time: float
 
 
 PROTOCOLS = {
-    "edge": Protocol("edge", free_approach=False, named_object=False, min_opening=0.008, keep_time=0.0),
-    "strict": Protocol("strict", free_approach=True, named_object=True, min_opening=0.004, keep_time=1.0),
+    "edge": Protocol("edge", free_approach=False, named_object=False, min_opening=0.008, rise=0.0, keep_time=0.0),
+    "strict": Protocol("strict", free_approach=True, named_object=True, min_opening=0.004, rise=0.10, keep_time=1.0),
 }
 """`edge`: the published rules, in which the hand may push its way through. `strict`: what a robot would want."""
 
 APPROACH_TIME, CLOSE_TIME, LIFT_TIME = 0.31, 0.5, 0.61  # of the published benchmark [s]
-LIFTED_SHARE = 0.8  # of the retreat's height that the target must rise in the strict protocol
+LIFTED_SHARE = 0.8  # of the hand's rise that an object must share to be lifted
 BLOCK = 5  # steps between two looks at the contacts while closing
+NOT_HELD = (Cause.MISSED, Cause.SLIPPED_CLOSING, Cause.SLIPPED_LIFTING)  # too wide an object would explain them
 HELD_STEPS = 5  # both fingers must touch the target in one of so many steps
 LINE_REACH, LINE_SAMPLES = 0.08, 161  # how far and how finely the width of the target is measured [m]
 
@@ -75,7 +82,7 @@ class Execution:
         success: by the protocol's rules.
         cause: how it ended.
         target: the object that the grasp was for: the nearest one to the middle between the pads.
-        held: what the hand touched at the end.
+        held: what the hand touched at the end; where the protocol names the object, what came up with the hand.
         touched: what the hand touched before it closed.
         removed: objects that were taken away, as grasped.
         lost: objects that left the workspace because of the attempt.
@@ -119,6 +126,8 @@ class Workcell:
     def execute(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, protocol: Protocol) -> Execution:
         """Carries out one grasp: approach over 5 cm, close, retreat over 10 cm. What was grasped is taken away.
 
+        Should the simulation become unstable, the attempt has failed, and everything is as it was before it.
+
         Args:
             T_world_grasp: the grasp [m].
             opening: of the hand while it approaches [m].
@@ -131,7 +140,7 @@ class Workcell:
             raise InputError(f"opening must be in (0, {self._gripper.max_opening}] m, got {opening}")
         if len(self.remaining) == 0:
             raise InputError("there is nothing left to grasp in this workcell")
-        before = self.remaining
+        before, snapshot = self.remaining, self._world.snapshot()
         middle = T_world_grasp[:3, 3] - self._gripper.finger_reach * T_world_grasp[:3, 2]
         target = self._nearest(middle)
         pose, width = self._world.object_poses()[target], self._width(target, middle, T_world_grasp[:3, 1])
@@ -140,13 +149,16 @@ class Workcell:
             cause, held = Cause.TOUCHED, ()
         else:
             cause, held = self._close_and_lift(T_world_grasp, target, protocol)
-        if cause is not Cause.HELD and width > opening:
+        if cause in NOT_HELD and width > opening:
             cause = Cause.TOO_WIDE
         final_opening = self._world.hand.opening()
         removed = held[:1] if cause is Cause.HELD else ()
         for index in removed:
             self._world.park(index)
         self._clear()
+        if self._world.is_unstable():
+            self._world.restore(snapshot)
+            return Execution(False, Cause.UNSTABLE, target, (), touched, (), (), final_opening, pose)
         left = set(before.tolist()) - set(self.remaining.tolist()) - set(removed)
         return Execution(
             cause is Cause.HELD, cause, target, held, touched, removed, tuple(sorted(left)), final_opening, pose
@@ -159,7 +171,7 @@ class Workcell:
         start = T_world_grasp[:3, 3] - way
         hand.place(make_transform(T_world_grasp[:3, :3], start), opening)
         hand.squeeze(0.0)
-        touched = dict.fromkeys(self._touched())
+        touched: dict[int, None] = {}
         for position in line_at_constant_speed(start, way, APPROACH_TIME, world.physics):
             hand.move_to(position)
             world.step()
@@ -171,28 +183,46 @@ class Workcell:
     ) -> tuple[Cause, tuple[int, ...]]:
         """Closes the hand where it is and retreats; returns how that ended, and the objects that are held then."""
         world, hand = self._world, self._world.hand
-        heights, retreat = world.centres_of_mass()[:, 2], retreat_vector(T_world_grasp)
+        heights = world.centres_of_mass()[:, 2]
         hand.squeeze(self._gripper.finger_force)
         was_touched = False
         for _ in range(steps_in(CLOSE_TIME, world.physics) // BLOCK):
             world.step(BLOCK)
             was_touched |= target in world.objects_touched_by_hand()
         was_held = self._holds(target)
-        for position in line_at_constant_speed(T_world_grasp[:3, 3], retreat, LIFT_TIME, world.physics):
-            hand.move_to(position)
-            world.step()
-        world.step(steps_in(protocol.keep_time, world.physics))
+        self._lift(T_world_grasp, protocol)
         held = tuple(world.objects_touched_by_hand().tolist()) if hand.opening() > protocol.min_opening else ()
         if protocol.named_object:
-            risen = world.centres_of_mass()[:, 2] - heights > LIFTED_SHARE * retreat[2]
-            held = tuple(index for index in held if risen[index])
-            if target in held and not self._holds(target):
-                held = ()
+            risen = world.present & (world.centres_of_mass()[:, 2] - heights > LIFTED_SHARE * protocol.rise)
+            held = self._lifted(held, risen, target)
         if held:
             return _judge_held(held, target, protocol), held
         if was_held:
             return Cause.SLIPPED_LIFTING, ()
         return Cause.SLIPPED_CLOSING if was_touched else Cause.MISSED, ()
+
+    def _lift(self, T_world_grasp: Float[np.ndarray, "4 4"], protocol: Protocol) -> None:
+        """Retreats, goes on straight up as far as the protocol asks for, and keeps still."""
+        world, start, retreat = self._world, T_world_grasp[:3, 3], retreat_vector(T_world_grasp)
+        rest = max(protocol.rise - float(retreat[2]), 0.0)
+        up = np.array([0.0, 0.0, rest])
+        ways = [
+            line_at_constant_speed(start, retreat, LIFT_TIME, world.physics),
+            line_at_constant_speed(start + retreat, up, LIFT_TIME * rest / LIFT, world.physics),
+        ]
+        for position in np.concatenate(ways):
+            world.hand.move_to(position)
+            world.step()
+        world.step(steps_in(protocol.keep_time, world.physics))
+
+    def _lifted(self, touched: tuple[int, ...], risen: Bool[np.ndarray, "o"], target: int) -> tuple[int, ...]:
+        """What came up with the hand: what it holds, then what that carries; nothing if the hand holds nothing.
+
+        The target counts as held only by both fingers.
+        """
+        held = [index for index in touched if risen[index] and (index != target or self._holds(target))]
+        carried = [index for index in np.flatnonzero(risen).tolist() if index not in held]
+        return (*held, *carried) if held else ()
 
     def _holds(self, index: int) -> bool:
         """Whether both fingers touch an object in one of the next steps; contacts may be missing for a moment."""

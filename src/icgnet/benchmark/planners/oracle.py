@@ -80,6 +80,8 @@ class OraclePlanner:
         scores = _robustness(lines, best, checker, observation) + preference[best]
         order = np.argsort(-scores, kind="stable")
         order = _tried_first(order, poses[best], openings[best], lines.objects[best // ANGLES], bodies, observation)
+        # The trial outweighs the score, and scores descend in every plan.
+        scores[order[:1]] = scores.max(initial=-np.inf)
         return Plan(poses[best[order]], openings[best[order]], scores[order])
 
 
