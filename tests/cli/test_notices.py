@@ -16,9 +16,9 @@ COMMANDS = {
     "simulate": ["simulate", "scene.npz", "--scene", "pile"],
     "sensors": ["sensors", "sheet.png", "--scene", "pile"],
     "clutter": ["benchmark", "clutter", "--planner", "random", "--scene", "pile", "--out", "out"],
-    "reconstruction": ["benchmark", "reconstruction", "--kind", "pile"],
-    "segmentation": ["benchmark", "segmentation", "--kind", "pile"],
-    "latency": ["benchmark", "latency", "--kind", "pile", "--preset", "tiny"],
+    "reconstruction": ["benchmark", "reconstruction", "--scene", "pile"],
+    "segmentation": ["benchmark", "segmentation", "--scene", "pile"],
+    "latency": ["benchmark", "latency", "--scene", "pile", "--preset", "tiny"],
     "simulation": ["benchmark", "simulation"],
 }
 

@@ -28,7 +28,7 @@ class _OnPictures:
 
     objects: str = "procedural"
     """Object set: 'procedural' or a folder."""
-    kind: Literal["packed", "pile"] = "packed"
+    scene: Literal["packed", "pile"] = "packed"
     """Kind of scenes."""
     split: Literal["train", "val", "test"] = "test"
     """Which objects: val for choosing, test for reporting."""
@@ -50,7 +50,7 @@ class _OnPictures:
     def _config(self) -> "PictureConfig":
         from icgnet.benchmark.pictures import PictureConfig
 
-        return PictureConfig(self.kind, self.split, self.view, self.noise, self.scenes, self.seed)
+        return PictureConfig(self.scene, self.split, self.view, self.noise, self.scenes, self.seed)
 
     def _predictor(self) -> "Predictor":
         from icgnet.predictor import Predictor
@@ -81,7 +81,7 @@ class _OnPictures:
 
     def _title(self, name: str) -> str:
         return (
-            f"{name}: {self.scenes} {self.kind} scenes of {self.split} objects from {self.objects}, view {self.view}, "
+            f"{name}: {self.scenes} {self.scene} scenes of {self.split} objects from {self.objects}, view {self.view}, "
             f"noise {self.noise}, seed {self.seed}"
         )
 
