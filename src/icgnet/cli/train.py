@@ -23,6 +23,8 @@ class Train:
     """Folder of the run: config.json, metrics.jsonl, checkpoint.pt and the weights."""
     objects: tuple[str, ...] = ("procedural",)
     """The object sets that the scenes were made of."""
+    start: Path | None = None
+    """Weights to begin with, of the same network, instead of random ones."""
     minutes: float | None = None
     """Training time in place of the preset's [min]."""
     steps: int | None = None
@@ -57,7 +59,7 @@ class Train:
         def say(line: str) -> None:
             console.print(line, markup=False, highlight=False, soft_wrap=True)
 
-        metrics = train(config, self.data, self.out, self.objects, report=say)
+        metrics = train(config, self.data, self.out, self.objects, report=say, start=self.start)
         table = Table("metric", "value", title=f"validation of {self.out}")
         for name, value in metrics.items():
             table.add_row(name, f"{value:.4g}")

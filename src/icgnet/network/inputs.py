@@ -8,7 +8,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from icgnet.errors import InputError
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.network.config import NetworkConfig
+
+HEIGHT_UNIT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +23,8 @@ class SceneInput:
     positions: Float[Tensor, "v 3"]
     """Mean of the points of each voxel [m]."""
     dense: Float[Tensor, "d x y z"]
-    """Occupancy of the workspace grid; with visibility also its value and a flag that it is known."""
+    """Occupancy of the workspace grid; with visibility its value and a flag that it is known; with point inputs the
+    mean offset of a cell's points from its centre, in cells."""
 
     def to(self, device: torch.device | str) -> "SceneInput":
         """The same on another device."""
@@ -79,4 +83,32 @@ def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarra
             raise InputError(f"visibility {visibility.shape}: expected {(size, size, size)}")
         dense[1] = visibility
         dense[2] = 1.0
+    if config.point_inputs:
+        dense[-3:] = _mean_offsets(points / config.dense_pitch, size)
     return dense
+
+
+def _mean_offsets(points: np.ndarray, size: int) -> np.ndarray:
+    """Mean offset of the points [cells] in each cell of a grid from the cell's centre; 0 where there are none."""
+    cells = np.floor(points).astype(np.int64)
+    inside = ((cells >= 0) & (cells < size)).all(1)
+    rows = np.ravel_multi_index(tuple(cells[inside].T), (size, size, size))
+    offsets = points[inside] - cells[inside] - 0.5
+    counts = np.maximum(np.bincount(rows, minlength=size**3), 1)
+    sums = [np.bincount(rows, weights=offsets[:, axis], minlength=size**3) for axis in range(3)]
+    return (np.stack(sums) / counts).reshape(3, size, size, size)
+
+
+def surface_features(
+    voxels: Int[Tensor, "v 3"], positions: Float[Tensor, "v 3"], config: NetworkConfig
+) -> Float[Tensor, "v c"]:
+    """What the sparse part sees of every voxel: 1, the offset of its points from its centre, its height.
+
+    Paper: the constant 1. Differs in preset `default`: offsets [voxels] and the height above the table [10 cm] follow.
+    """
+    ones = positions.new_ones(len(positions), 1)
+    if not config.point_inputs:
+        return ones
+    offsets = positions / config.voxel_size - voxels - 0.5
+    height = (positions[:, 2:] - TABLE_HEIGHT) / HEIGHT_UNIT
+    return torch.cat([ones, offsets, height], 1)

@@ -47,7 +47,7 @@ class Sampling:
     translation: float = 0.02
     viewpoint_drop: float = 0.1
     fewest_voxels: int = 10
-    occupancy_points: int = 1536
+    occupancy_points: int = 2048
     near_share: float = 0.5
     far_share: float = 0.2
     points_near_objects: bool = False

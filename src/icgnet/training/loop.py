@@ -14,7 +14,7 @@ from icgnet.datagen.recipe import read_recipes
 from icgnet.errors import DataError
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import save_weights
+from icgnet.network.weights import load_weights, save_weights, stored_checksum
 from icgnet.training.checkpoint import CHECKPOINT_FILE, Progress, WeightAverage, load_checkpoint, save_checkpoint
 from icgnet.training.config import TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches
@@ -39,6 +39,7 @@ def train(
     objects: Sequence[str | Path] = ("procedural",),
     report: Report = lambda line: None,
     leg_steps: int | None = None,
+    start: Path | None = None,
 ) -> dict[str, float]:
     """Trains a network, or goes on with the run that `out` holds, and returns its last validation metrics.
 
@@ -52,9 +53,11 @@ def train(
         objects: sources of the object sets that the recipes name, see `load_object_set`.
         report: gets a line of text now and then.
         leg_steps: stop after so many steps of this call, with a checkpoint; None goes on to the end of the budget.
+        start: weights that the run begins with; random ones if None.
 
     Raises:
-        DataError: no training recipes, a missing object set, a damaged checkpoint, or a run with other settings.
+        DataError: no training recipes, a missing object set, a damaged checkpoint, weights that are damaged or of
+            another network, or a run with other settings.
     """
     recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
     by_split = {split: [recipe for recipe in recipes if recipe.split == split] for split in ("train", "val")}
@@ -62,7 +65,10 @@ def train(
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
     counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
     out = Path(out)
-    record = training_record(config, {"folders": sorted(str(folder) for folder in data), **counts})
+    begins_with = None if start is None else stored_checksum(start)
+    record = training_record(
+        config, {"folders": sorted(str(folder) for folder in data), **counts, "start": begins_with}
+    )
     for change in write_or_compare(out, record):
         report(f"going on with another setting: {change}")
     torch.set_num_threads(config.threads)
@@ -72,20 +78,28 @@ def train(
     validation = validation_samples(
         config.network, config.sampling, config.validation_scenes, by_split["val"], object_sets
     )
-    return Trainer(config, dataset, validation, out, report).run(leg_steps)
+    return Trainer(config, dataset, validation, out, report, start).run(leg_steps)
 
 
 class Trainer:
     """A run: its network, optimiser, average, and where it stands."""
 
     def __init__(
-        self, config: TrainingConfig, dataset: RecipeDataset, validation: list[Sample], out: Path, report: Report
+        self,
+        config: TrainingConfig,
+        dataset: RecipeDataset,
+        validation: list[Sample],
+        out: Path,
+        report: Report,
+        start: Path | None = None,
     ) -> None:
         self.config, self.dataset, self.validation, self.out, self.report = config, dataset, validation, out, report
         self.fabric = Fabric(devices="auto", accelerator="auto")
         self.fabric.launch()
         torch.manual_seed(config.seed)
         self.network = IcgNet(NETWORKS[config.network])
+        if start is not None:
+            self.network.load_state_dict(load_weights(start, NETWORKS[config.network])[0].state_dict())
         self.average = WeightAverage(self.network, config.average_decay)
         optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
