@@ -9,7 +9,8 @@ from icgnet.network.tokens import Tokens, token_widths
 
 def tokens_of(of_voxel: list[int]) -> Tokens:
     count = max(of_voxel) + 1
-    return Tokens(torch.rand(count, 3), torch.rand(count, 4), 0.006, torch.tensor(of_voxel))
+    features, none = torch.rand(count, 4), torch.zeros(count, 3)
+    return Tokens(torch.rand(count, 3), features, 0.006, torch.tensor(of_voxel), none)
 
 
 def test_tokens_outside_a_query_s_pooled_mask_are_blocked():
@@ -74,7 +75,8 @@ def test_the_class_depends_on_what_the_mask_covers_and_no_gradient_reaches_the_m
     torch.manual_seed(0)
     head = ClassHead(NETWORKS["tiny"])
     torch.nn.init.normal_(head.end[1].weight)
-    tokens = Tokens(torch.rand(6, 3), torch.randn(6, token_widths(NETWORKS["tiny"])[-1]), 0.003, torch.arange(6))
+    features, none = torch.randn(6, token_widths(NETWORKS["tiny"])[-1]), torch.zeros(6, 3)
+    tokens = Tokens(torch.rand(6, 3), features, 0.003, torch.arange(6), none)
     queries = torch.randn(1, 8)
     masks = torch.tensor([[9.0, 9.0, 9.0, -9.0, -9.0, -9.0]]).T.requires_grad_()
     first, second = head(queries, masks, tokens), head(queries, -masks, tokens)

@@ -83,6 +83,8 @@ class NetworkConfig:
     """Real classes; the class head has one more logit, the last, for no object."""
 
     neighbours: int = 6
+    view_depth: bool = True
+    """Whether features at a point know how far behind its neighbours it lies, along the lines of sight to these."""
     decoder_width: int = 32
     decoder_blocks: int = 5
     decoder_stages: Literal["all", "final"] = "final"
@@ -154,6 +156,7 @@ NETWORKS = {
         name="paper",
         visibility=False,
         point_inputs=False,
+        view_depth=False,
         position_scale="cloud",
         seeded_masks=False,
         seeded_content=False,

@@ -59,7 +59,8 @@ class IcgNet(nn.Module):
         volume = self.dense(torch.stack([scene.dense for scene in inputs]))
         positions = torch.cat([scene.positions for scene in inputs])
         with _full_precision(positions):
-            tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size)
+            viewpoints = [scene.viewpoint for scene in inputs]
+            tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size, viewpoints)
             scenes = zip(inputs, tokens, volume, strict=True)
             return [self._embed(scene, levels, maps) for scene, levels, maps in scenes]
 

@@ -25,14 +25,20 @@ class SceneInput:
     dense: Float[Tensor, "d x y z"]
     """Occupancy of the workspace grid; with visibility its value and a flag that it is known; with point inputs the
     mean offset of a cell's points from its centre, in cells."""
+    viewpoint: Float[Tensor, "3"] | None = None
+    """Where the camera stood [m], if it is known."""
 
     def to(self, device: torch.device | str) -> "SceneInput":
         """The same on another device."""
-        return SceneInput(self.voxels.to(device), self.positions.to(device), self.dense.to(device))
+        viewpoint = None if self.viewpoint is None else self.viewpoint.to(device)
+        return SceneInput(self.voxels.to(device), self.positions.to(device), self.dense.to(device), viewpoint)
 
 
 def make_scene_input(
-    points: Float[np.ndarray, "n 3"], config: NetworkConfig, visibility: Float[np.ndarray, "x y z"] | None = None
+    points: Float[np.ndarray, "n 3"],
+    config: NetworkConfig,
+    visibility: Float[np.ndarray, "x y z"] | None = None,
+    viewpoint: Float[np.ndarray, "3"] | None = None,
 ) -> tuple[SceneInput, Int[np.ndarray, " n"]]:
     """The network's input for a cloud, and for each point the row of its voxel.
 
@@ -42,6 +48,7 @@ def make_scene_input(
         config: of the network that will take it.
         visibility: projective signed distance of the cells of the dense grid (+1 free, -1 hidden), None if the
             viewpoint is not known. Ignored by a configuration without visibility.
+        viewpoint: where the camera stood [m, workspace frame], None if it is not known.
 
     Raises:
         InputError: for an empty cloud, points that are not finite, or a visibility grid of another size.
@@ -59,6 +66,7 @@ def make_scene_input(
         voxels=torch.from_numpy(voxels),
         positions=torch.from_numpy((sums / counts[:, None]).astype(np.float32)),
         dense=torch.from_numpy(dense),
+        viewpoint=None if viewpoint is None else torch.from_numpy(np.asarray(viewpoint, np.float32)),
     )
     return scene, point_to_voxel
 
