@@ -6,8 +6,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from icgnet.network.batch_norm import VoxelBatchNorm
 from icgnet.network.config import NetworkConfig
-from icgnet.network.sparse_conv import Coarsening, DownConv, SubmanifoldConv, UpConv, VoxelBatchNorm, VoxelLevel
+from icgnet.network.sparse_conv import Coarsening, DownConv, SubmanifoldConv, UpConv, VoxelLevel
 
 
 @dataclass(frozen=True)
