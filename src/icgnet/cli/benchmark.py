@@ -11,6 +11,7 @@ from rich.table import Table
 from icgnet.benchmark.record import write_report
 from icgnet.cli.benchmark_clutter import Clutter
 from icgnet.cli.benchmark_network import Latency, Reconstruction, Segmentation
+from icgnet.cli.benchmark_training import Speed
 
 if TYPE_CHECKING:
     from icgnet.benchmark.simulation import Agreement, SceneNumbers, Trace
@@ -106,6 +107,7 @@ class Benchmark:
         Annotated[Clutter, tyro.conf.subcommand("clutter")]
         | Annotated[Simulation, tyro.conf.subcommand("simulation")]
         | Annotated[Loader, tyro.conf.subcommand("loader")]
+        | Annotated[Speed, tyro.conf.subcommand("training-speed")]
         | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
         | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
         | Annotated[Latency, tyro.conf.subcommand("latency")],

@@ -31,7 +31,8 @@ from icgnet.training.checkpoint import (
 from icgnet.training.config import TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches
 from icgnet.training.log import Clock, TrainingLog
-from icgnet.training.losses import TrainingLoss
+from icgnet.training.losses import LossWeights, TrainingLoss
+from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import evaluate, selection_score
 from icgnet.training.processes import Accelerator, agreed, check_same, join_processes
 from icgnet.training.sample import Sample
@@ -134,7 +135,7 @@ class Trainer:
         out: Path,
         report: Report,
         start: Path | None = None,
-        loss: type[TrainingLoss] = TrainingLoss,
+        make_loss: Callable[[IcgNet, LossWeights, MatchingCosts, bool], TrainingLoss] = TrainingLoss,
     ) -> None:
         """`validation` is empty in all processes but the first."""
         self.config, self.dataset, self.out, self.report, self.fabric = config, dataset, out, report, fabric
@@ -152,7 +153,7 @@ class Trainer:
         )
         self.progress = self._resume(optimizer)
         self._skipped_in_a_row = 0
-        module = loss(self.network, config.loss, config.matching, config.bfloat16)
+        module = make_loss(self.network, config.loss, config.matching, config.bfloat16)
         self.loss, self.optimizer = fabric.setup(module, optimizer)
         self.validation = [sample.to(fabric.device) for sample in validation]
 
