@@ -1,6 +1,7 @@
 """Two processes of batch 2 train like one of batch 4."""
 
 import json
+import socket
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -29,12 +30,22 @@ SPEED = {"elapsed_s", "scenes_per_s", "waiting_share"}
 """What is logged and is not the same."""
 
 
-def torchrun(*arguments: object, processes: int = 2) -> str:
-    """Output of the two processes."""
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={processes}"]
-    done = subprocess.run([*command, *map(str, arguments)], capture_output=True, text=True, timeout=500)
-    assert done.returncode == 0, done.stderr[-4000:]
-    return done.stdout
+def torchrun(options: list[str], *arguments: object) -> subprocess.Popen:
+    """Starts processes that run `train_together`."""
+    command = [sys.executable, "-m", "torch.distributed.run", *options, train_together.__file__]
+    return subprocess.Popen([*command, *map(str, arguments)], stdout=subprocess.PIPE, text=True)
+
+
+def output_of(*processes: subprocess.Popen) -> str:
+    said = [process.communicate(timeout=300)[0] for process in processes]
+    assert [process.returncode for process in processes] == [0] * len(processes)
+    return "".join(said)
+
+
+def free_port() -> int:
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        return server.getsockname()[1]
 
 
 @dataclass(frozen=True)
@@ -44,24 +55,31 @@ class Runs:
     alone: Path
     together: Path
     legs: Path
+    second_node: Path
     said: str
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Runs:
-    """One process of batch 4; two of batch 2 without a stop; two of batch 2 that stop after three steps and go on."""
+    """One process of batch 4; two of batch 2 without a stop; two of batch 2 that stop after three steps and go on.
+
+    Those that go on are on two nodes, of which the second has a folder of its own.
+    """
     folder = tmp_path_factory.mktemp("runs")
-    runs = Runs(folder / "alone", folder / "together", folder / "legs", "")
-    data = folder / "data"
+    data, alone, together, legs, second = (folder / name for name in ("data", "alone", "together", "legs", "second"))
     write_recipes(data)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ICGNET_CACHE", str(folder / "cache"))
         train_together.prepare(patch)
-        train(train_together.configuration(4), [data], runs.alone, ["shapes"], accelerator="cpu")
-        said = torchrun(train_together.__file__, data, 2, runs.together, 0, runs.legs, 3)
-        assert json.loads((runs.legs / METRICS_FILE).read_text().splitlines()[-1])["step"] == 3
-        said += torchrun(train_together.__file__, data, 2, runs.legs, 0)
-    return Runs(runs.alone, runs.together, runs.legs, said)
+        train(train_together.configuration(4), [data], alone, ["shapes"], accelerator="cpu")
+        said = output_of(torchrun(["--standalone", "--nproc-per-node=2"], data, 2, together, 0, legs, 3))
+        assert curve_of(legs)[-1]["step"] == 3
+        nodes = ["--nnodes=2", "--nproc-per-node=1", "--master-addr=127.0.0.1", f"--master-port={free_port()}"]
+        said += output_of(
+            torchrun([*nodes, "--node-rank=0"], data, 2, legs, 0),
+            torchrun([*nodes, "--node-rank=1"], data, 2, second, 0),
+        )
+    return Runs(alone, together, legs, second, said)
 
 
 def curve_of(out: Path) -> list[dict[str, float]]:
@@ -91,7 +109,7 @@ def test_two_processes_go_on_from_their_checkpoint_as_if_they_had_not_stopped(ru
     together, legs = state_of(runs.together), state_of(runs.legs)
     assert legs["progress"]["finished"]
     assert legs["progress"]["visits"] == together["progress"]["visits"] == 4 * train_together.STEPS
-    assert "going on from step 3" in runs.said
+    assert runs.said.count("going on from step 3") == 1
     for part in ("network", "average"):
         for name, value in together[part].items():
             assert torch.equal(value, legs[part][name]), f"{part} {name}"
@@ -103,6 +121,7 @@ def test_only_the_first_process_reports_and_writes(runs):
     assert runs.said.count("kind train step 6 ") == runs.said.count("kind val step 6 ") == 2
     assert len(curve_of(runs.together)) == len(curve_of(runs.legs)) == train_together.STEPS
     assert (runs.together / FINAL_FILE).is_file()
+    assert not runs.second_node.exists()
     assert json.loads((runs.together / "config.json").read_text())["scenes_per_step"] == 4
 
 
