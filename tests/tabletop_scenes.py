@@ -73,7 +73,7 @@ def tiny_network(seed: int = 3) -> IcgNet:
     network = IcgNet(NETWORKS["tiny"])
     hand = network.affordance
     with torch.no_grad():
-        network.refinement.class_head[-1].bias[-1] = -10.0
+        network.refinement.class_head.of_query[-1].bias[-1] = -10.0
         network.occupancy.end.bias.fill_(-20.0)
         hand.width[-1].weight.zero_()
         hand.width[-1].bias.fill_(0.96)

@@ -1,6 +1,8 @@
 """`icgnet generate` and `icgnet train`, and what they say of broken data."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,18 @@ def test_train_writes_weights_that_predict_can_load(scenes, tmp_path):
     assert main(["train", "tiny", "--data", str(scenes), "--out", str(tmp_path / "run"), "--steps", "1"]) == 0
     (weights,) = (tmp_path / "run").glob("weights_final.safetensors")
     assert Predictor.load(weights).network.config.name == "tiny"
+
+
+@pytest.mark.slow
+def test_processes_of_torchrun_train_one_network(scenes, tmp_path):
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    command = ["-m", "icgnet.cli.main", "train", "tiny", "--accelerator", "cpu", "--data", str(scenes)]
+    options = ["--out", str(tmp_path / "run"), "--steps", "2", "--learning-rate", "2e-3"]
+    subprocess.run([*launch, *command, *options], check=True, timeout=300)
+    config = json.loads((tmp_path / "run" / "config.json").read_text())
+    assert config["scenes_per_step"] == 2 * config["training"]["batch"]
+    assert config["training"]["learning_rate"] == 2e-3
+    assert (tmp_path / "run" / "weights_final.safetensors").is_file()
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ def network() -> DenseUNet:
 
 
 def test_maps_cover_the_workspace_at_every_stride():
-    (maps,) = network()(torch.rand(1, 3, 30, 30, 30))
+    (maps,) = network()(torch.rand(1, NETWORKS["tiny"].dense_channels, 30, 30, 30))
     assert [round(m.pitch, 6) for m in maps] == [0.04, 0.04, 0.02, 0.01]
     assert [m.features.shape[0] for m in maps] == [8, 8, 15, 30]
     assert all(m.pitch * m.features.shape[0] >= 0.3 - 1e-9 for m in maps)
@@ -27,7 +27,7 @@ def test_doubling_keeps_cells_where_they_are():
 def test_maps_move_with_the_input_in_steps_of_the_coarsest_cell():
     config = replace(NETWORKS["tiny"], dense_cells=48)
     net = DenseUNet(config).eval()
-    grid = torch.zeros(1, 3, 48, 48, 48)
+    grid = torch.zeros(1, config.dense_channels, 48, 48, 48)
     grid[0, 0, 22:26, 23:25, 20:27] = 1.0
     near = net(grid)[0][-1].features[18:30, 18:30, 18:30]
     far = net(grid.roll(8, 2))[0][-1].features[26:38, 18:30, 18:30]

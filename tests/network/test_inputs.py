@@ -4,7 +4,7 @@ import torch
 
 from icgnet.errors import InputError
 from icgnet.network.config import NETWORKS
-from icgnet.network.inputs import make_scene_input
+from icgnet.network.inputs import make_scene_input, surface_features
 
 
 def test_every_point_lies_in_its_voxel_and_means_are_means():
@@ -31,9 +31,24 @@ def test_visibility_is_flagged_as_known_or_left_zero():
     assert torch.equal(known.dense[1], torch.from_numpy(visibility))
     assert (known.dense[2] == 1).all()
     unknown, _ = make_scene_input(points, NETWORKS["default"])
-    assert (unknown.dense[1:] == 0).all()
+    assert (unknown.dense[1:3] == 0).all()
     ignored, _ = make_scene_input(points, NETWORKS["paper"], visibility)
     assert ignored.dense.shape[0] == 1
+
+
+def test_the_dense_grid_says_where_in_their_cell_points_lie():
+    points = np.array([[0.151, 0.155, 0.159], [0.153, 0.155, 0.159], [0.012, 0.0, 0.2999], [-0.01, 0.1, 0.1]])
+    offsets = make_scene_input(points, NETWORKS["default"])[0].dense[3:]
+    torch.testing.assert_close(offsets[:, 15, 15, 15], torch.tensor([-0.3, 0.0, 0.4]), rtol=0, atol=1e-5)
+    torch.testing.assert_close(offsets[:, 1, 0, 29], torch.tensor([-0.3, -0.5, 0.49]), rtol=0, atol=1e-5)
+    assert (offsets != 0).any(0).sum() == 2
+
+
+def test_the_sparse_part_sees_offset_and_height_of_a_voxel():
+    scene, _ = make_scene_input(np.array([[0.0315, 0.0325, 0.0702]]), NETWORKS["default"])
+    features = surface_features(scene.voxels, scene.positions, NETWORKS["default"])
+    torch.testing.assert_close(features, torch.tensor([[1.0, 0.0, 1 / 3, -0.1, 0.202]]), rtol=0, atol=1e-3)
+    assert surface_features(scene.voxels, scene.positions, NETWORKS["paper"]).tolist() == [[1.0]]
 
 
 @pytest.mark.parametrize(("points", "message"), [(np.zeros((0, 3)), "n > 0"), (np.full((4, 3), np.nan), "NaN")])

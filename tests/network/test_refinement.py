@@ -1,14 +1,16 @@
 import torch
 
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.network.config import NETWORKS
 from icgnet.network.layers import Attention
-from icgnet.network.refinement import AffordanceRefinement, MaskScene, attention_blocks, ball_logits
-from icgnet.network.tokens import Tokens
+from icgnet.network.refinement import AffordanceRefinement, ClassHead, MaskScene, attention_blocks, ball_logits, extents
+from icgnet.network.tokens import Tokens, token_widths
 
 
 def tokens_of(of_voxel: list[int]) -> Tokens:
     count = max(of_voxel) + 1
-    return Tokens(torch.rand(count, 3), torch.rand(count, 4), 0.006, torch.tensor(of_voxel))
+    features, none = torch.rand(count, 4), torch.zeros(count, 3)
+    return Tokens(torch.rand(count, 3), features, 0.006, torch.tensor(of_voxel), none)
 
 
 def test_tokens_outside_a_query_s_pooled_mask_are_blocked():
@@ -55,6 +57,31 @@ def test_affordance_queries_are_finite_when_no_query_has_an_object():
     class_logits[:, -1] = 1.0
     result = AffordanceRefinement(NETWORKS["tiny"])(torch.randn(4, 8), torch.randn(4, 8), class_logits)
     assert torch.isfinite(result).all()
+
+
+def test_extents_do_not_change_when_the_object_turns_or_moves_on_the_table():
+    torch.manual_seed(0)
+    points = torch.rand(200, 3) * torch.tensor([0.10, 0.03, 0.06]) + torch.tensor([0.0, 0.0, TABLE_HEIGHT])
+    turn = torch.tensor([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    shares = torch.full((1, 200), 1 / 200)
+    before, after = extents(shares, points), extents(shares, points @ turn.T + torch.tensor([0.1, 0.05, 0.0]))
+    torch.testing.assert_close(before, after, rtol=1e-3, atol=1e-4)
+    wanted = torch.tensor([0.10 / 12**0.5, 0.03 / 12**0.5, 0.06 / 12**0.5, 0.03]) / 0.05
+    torch.testing.assert_close(before[0, :4], wanted, rtol=0.1, atol=0.01)
+    assert 0.03 < 0.05 * before[0, 4] < 0.06
+
+
+def test_the_class_depends_on_what_the_mask_covers_and_no_gradient_reaches_the_mask():
+    torch.manual_seed(0)
+    head = ClassHead(NETWORKS["tiny"])
+    torch.nn.init.normal_(head.end[1].weight)
+    features, none = torch.randn(6, token_widths(NETWORKS["tiny"])[-1]), torch.zeros(6, 3)
+    tokens = Tokens(torch.rand(6, 3), features, 0.003, torch.arange(6), none)
+    queries = torch.randn(1, 8)
+    masks = torch.tensor([[9.0, 9.0, 9.0, -9.0, -9.0, -9.0]]).T.requires_grad_()
+    first, second = head(queries, masks, tokens), head(queries, -masks, tokens)
+    assert (first - second).abs().max() > 1e-3
+    assert not torch.autograd.grad(first.sum(), masks, allow_unused=True)[0]
 
 
 def test_seeded_mask_is_a_ball_around_the_seed_that_the_query_moves_and_sizes():

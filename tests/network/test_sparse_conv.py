@@ -10,7 +10,6 @@ from icgnet.network.sparse_conv import (
     DownConv,
     SubmanifoldConv,
     UpConv,
-    VoxelBatchNorm,
     VoxelLevel,
 )
 from reference import dense_grid, submanifold_convolution
@@ -104,26 +103,6 @@ def test_coordinates_too_far_apart_to_index_are_an_input_error():
     voxels = torch.tensor([[0, 0, 0, 0], [0, 2**31, 2**31, 2**31]])
     with pytest.raises(InputError, match="too far apart"):
         CoordinateIndex(voxels, 1)
-
-
-def test_batch_norm_takes_a_single_voxel_in_training():
-    norm = VoxelBatchNorm(3)
-    assert torch.isfinite(norm(torch.ones(1, 3))).all()
-    assert norm.training
-    assert torch.equal(norm.running_mean, torch.zeros(3))
-
-
-def test_batch_norm_forgets_quickly_at_first_and_at_its_momentum_later():
-    norm, features = VoxelBatchNorm(2, momentum=0.02), torch.randn(500, 2) * 3 + 5
-    norm(features[:200])
-    norm(features[200:400])
-    expected = 0.25 * features[:200].mean(0) + 0.75 * features[200:400].mean(0)
-    torch.testing.assert_close(norm.running_mean, expected)
-    for _ in range(150):
-        norm(features[:200])
-    before = norm.running_mean.clone()
-    norm(features[400:])
-    torch.testing.assert_close(norm.running_mean, 0.98 * before + 0.02 * features[400:].mean(0))
 
 
 def test_reduced_precision_stays_close():

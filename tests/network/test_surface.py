@@ -46,6 +46,20 @@ def test_nothing_inside_gives_an_empty_mesh():
     assert extract_mesh(lambda points: -torch.ones(len(points)), LOWER, UPPER, 32).is_empty
 
 
+def test_a_thin_plate_is_found_where_it_was_seen():
+    def plate(points: torch.Tensor) -> torch.Tensor:
+        offsets = (points - torch.tensor([0.0, 0.0, 0.006])).abs() - torch.tensor([0.04, 0.03, 0.002])
+        return -100.0 * offsets.amax(1)
+
+    lower, upper = np.array([-0.06, -0.06, -0.02]), np.array([0.06, 0.06, 0.03])
+    axis = np.linspace(-0.025, 0.025, 12)
+    seen = np.stack([*map(np.ravel, np.meshgrid(axis, axis)), np.full(144, 0.008)], axis=1)
+    assert len(extract_mesh(plate, lower, upper, 64).faces) == 0
+    mesh = extract_mesh(plate, lower, upper, 64, seen)
+    assert mesh.is_watertight
+    np.testing.assert_allclose(mesh.extents, [0.08, 0.06, 0.004], atol=0.002)
+
+
 def test_no_box_is_an_input_error():
     with pytest.raises(InputError, match="no box"):
         extract_mesh(Sphere(), UPPER, LOWER, 32)

@@ -15,7 +15,9 @@ def test_tokens_join_each_voxel_with_the_cell_around_it_per_scene():
     pyramid = VoxelPyramid.build(coordinates)
     sparse = tuple(torch.arange(len(level)).float()[:, None] for level in pyramid.levels[3::-1])
     maps = tuple(tuple(DenseMap(torch.rand(30, 30, 30, 2), 0.01) for _ in range(4)) for _ in scenes)
-    tokens = aggregate(pyramid, torch.cat([s.positions for s in scenes]), sparse, maps, 0.003)
+    tokens = aggregate(
+        pyramid, torch.cat([s.positions for s in scenes]), sparse, maps, 0.003, [None, torch.tensor([0.1, 0.2, 0.9])]
+    )
 
     for scene, levels, own_maps in zip(scenes, tokens, maps, strict=True):
         assert [round(level.pitch, 6) for level in levels] == [0.024, 0.012, 0.006, 0.003]
@@ -27,6 +29,10 @@ def test_tokens_join_each_voxel_with_the_cell_around_it_per_scene():
             own = torch.floor(level.positions[level.of_voxel] / level.pitch).long()
             assert torch.equal(parents, own)
     assert tokens[1][-1].features[0, 0] == len(scenes[0].voxels)
+    assert (tokens[0][0].sight == 0).all()
+    seen = tokens[1][0]
+    distances = (seen.positions - torch.tensor([0.1, 0.2, 0.9])).norm(dim=1, keepdim=True)
+    torch.testing.assert_close(torch.tensor([0.1, 0.2, 0.9]) + distances * seen.sight, seen.positions)
 
 
 def test_mean_by_row():

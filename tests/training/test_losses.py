@@ -26,8 +26,8 @@ def terms_of(make_dataset, config, weights):
     torch.manual_seed(0)
     loss = TrainingLoss(IcgNet(config), weights, MatchingCosts())
     samples = [make_dataset(SAMPLING, config)[visit] for visit in range(2)]
-    total, terms = loss(samples)
-    return loss, total, terms
+    total, scenes = loss(samples)
+    return loss, total, scenes
 
 
 def test_perfect_answers_cost_nothing():
@@ -90,23 +90,30 @@ def test_sum_is_weighted_and_published_sum_is_divided():
 
 
 def test_every_parameter_that_is_used_gets_a_gradient(make_dataset):
-    loss, total, terms = terms_of(make_dataset, NETWORKS["tiny"], LossWeights())
-    assert set(terms) == {"class_", "mask", "dice", "occupancy", "grasp", "contact", "width"}
+    loss, total, scenes = terms_of(make_dataset, NETWORKS["tiny"], LossWeights())
+    assert set(scenes[0]) == {"loss", "class_", "mask", "dice", "occupancy", "grasp", "contact", "width"}
     total.backward()
     without = [name for name, value in loss.network.named_parameters() if value.grad is None]
     assert without == []
 
 
+def test_the_loss_is_the_mean_of_those_of_the_scenes(make_dataset):
+    _, total, scenes = terms_of(make_dataset, NETWORKS["tiny"], LossWeights())
+    assert len(scenes) == 2
+    assert float(total.detach()) == pytest.approx(sum(float(scene["loss"]) for scene in scenes) / 2)
+
+
 def test_published_loss_has_the_scene_level_terms_at_all_stages(make_dataset):
-    _, total, terms = terms_of(make_dataset, PAPER_LIKE, PUBLISHED)
-    assert set(terms) == {"class_", "mask", "dice", "occupancy", "scene_occupancy", "grasp", "scene_grasp", "width"}
+    _, total, scenes = terms_of(make_dataset, PAPER_LIKE, PUBLISHED)
+    names = {"class_", "mask", "dice", "occupancy", "scene_occupancy", "grasp", "scene_grasp", "width"}
+    assert set(scenes[0]) == {"loss", *names}
     assert torch.isfinite(total)
 
 
 def test_scene_without_contacts_still_trains(make_dataset):
     config = NETWORKS["tiny"]
     loss = TrainingLoss(IcgNet(config), LossWeights(), MatchingCosts())
-    total, terms = loss([make_dataset(replace(SAMPLING, contacts=0), config)[0]])
+    total, (terms,) = loss([make_dataset(replace(SAMPLING, contacts=0), config)[0]])
     assert torch.isfinite(total)
     assert "grasp" not in terms
 

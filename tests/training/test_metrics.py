@@ -74,6 +74,14 @@ def test_union_of_shapes_is_pooled_over_scenes():
     assert metrics["occupancy_iou"] == pytest.approx(0.75)
 
 
+def test_calibration_error_and_the_best_scores_are_reported():
+    scores = np.array([0.8] * 10, np.float32)
+    labels = np.arange(10) < 5
+    metrics = summarise(Tally(scores=[scores], labels=[labels], seen=[~labels], top_1_scores=[0.7, 0.9]))
+    assert metrics["grasp_ece"] == pytest.approx(0.3)
+    assert metrics["grasp_top1_score"] == pytest.approx(0.8)
+
+
 def test_better_grasps_are_selected():
     worse = {"grasp_best_f1": 0.6, "grasp_average_precision": 0.5}
     assert selection_score(worse | {"grasp_average_precision": 0.6}) > selection_score(worse)

@@ -57,6 +57,11 @@ def measure_loader(
     torch.set_num_threads(1)
     recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
     dataset = RecipeDataset(recipes, load_object_sets(objects), config.sampling, NETWORKS[config.network], config.seed)
+    return time_visits(dataset, visits)
+
+
+def time_visits(dataset: RecipeDataset, visits: int) -> LoaderNumbers:
+    """Makes samples one after the other; the first few are not timed."""
     for visit in range(WARM_UP):
         dataset[visit]
     times = []

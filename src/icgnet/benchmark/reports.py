@@ -11,7 +11,7 @@ from icgnet.benchmark.record import REPORT_FILE
 from icgnet.benchmark.statistics import Spread
 from icgnet.errors import DataError, InputError
 
-KINDS = ("clutter", "reconstruction", "segmentation", "latency", "simulation", "loader")
+KINDS = ("clutter", "reconstruction", "segmentation", "latency", "simulation", "loader", "training-speed")
 """What a report can be of."""
 
 

@@ -12,6 +12,7 @@ from icgnet.benchmark.record import write_report
 from icgnet.cli.benchmark_clutter import Clutter
 from icgnet.cli.benchmark_network import Latency, Reconstruction, Segmentation
 from icgnet.cli.benchmark_report import Report
+from icgnet.cli.benchmark_training import Speed
 from icgnet.cli.notices import load_objects
 
 if TYPE_CHECKING:
@@ -108,6 +109,7 @@ class Benchmark:
         Annotated[Clutter, tyro.conf.subcommand("clutter")]
         | Annotated[Simulation, tyro.conf.subcommand("simulation")]
         | Annotated[Loader, tyro.conf.subcommand("loader")]
+        | Annotated[Speed, tyro.conf.subcommand("training-speed")]
         | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
         | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
         | Annotated[Latency, tyro.conf.subcommand("latency")]

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from icgnet.cli.benchmark import Benchmark
+from icgnet.cli.calibrate import Calibrate
 from icgnet.cli.dataset import Dataset
 from icgnet.cli.demo import Demo
 from icgnet.cli.evaluate import Evaluate
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Generate, tyro.conf.subcommand("generate")]
     | Annotated[Dataset, tyro.conf.subcommand("dataset")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]

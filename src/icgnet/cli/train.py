@@ -13,7 +13,10 @@ from icgnet.errors import InputError
 
 @dataclass(frozen=True)
 class Train:
-    """Train a network on generated scenes. Run it again with the same settings to go on after an interruption."""
+    """Train a network on generated scenes. Run it again with the same settings to go on after an interruption.
+
+    Started by torchrun, all processes train one network together.
+    """
 
     preset: tyro.conf.Positional[Literal["tiny", "cpu", "paper"]]
     """Settings of the run: see the config.json that it writes."""
@@ -23,18 +26,24 @@ class Train:
     """Folder of the run: config.json, metrics.jsonl, checkpoint.pt and the weights."""
     objects: tuple[str, ...] = ("procedural",)
     """The object sets that the scenes were made of."""
+    start: Path | None = None
+    """Weights to begin with, of the same network, instead of random ones."""
     minutes: float | None = None
     """Training time in place of the preset's [min]."""
     steps: int | None = None
     """Optimiser steps in place of the preset's."""
     batch: int | None = None
-    """Scenes per step in place of the preset's."""
+    """Scenes per step, in each process, in place of the preset's."""
+    learning_rate: float | None = None
+    """Learning rate after the warm-up in place of the preset's."""
     threads: int | None = None
     """CPU threads in place of the preset's."""
     workers: int | None = None
     """Processes that prepare samples, in place of the preset's."""
     seed: int = 0
     """Of the first weights and of every draw."""
+    accelerator: Literal["auto", "cpu", "gpu"] = "auto"
+    """What to compute on; auto takes a GPU where there is one."""
 
     def run(self) -> None:
         """Trains, with a line of text now and then.
@@ -47,7 +56,7 @@ class Train:
         from icgnet.training.config import TRAININGS
         from icgnet.training.loop import train
 
-        given = {name: getattr(self, name) for name in ("batch", "threads", "workers")}
+        given = {name: getattr(self, name) for name in ("batch", "learning_rate", "threads", "workers")}
         changes = {name: value for name, value in given.items() if value is not None}
         if self.minutes is not None or self.steps is not None:
             changes |= {"minutes": self.minutes, "steps": self.steps}
@@ -57,7 +66,11 @@ class Train:
         def say(line: str) -> None:
             console.print(line, markup=False, highlight=False, soft_wrap=True)
 
-        metrics = train(config, self.data, self.out, self.objects, report=say)
+        metrics = train(
+            config, self.data, self.out, self.objects, report=say, start=self.start, accelerator=self.accelerator
+        )
+        if not metrics:
+            return
         table = Table("metric", "value", title=f"validation of {self.out}")
         for name, value in metrics.items():
             table.add_row(name, f"{value:.4g}")

@@ -72,10 +72,9 @@ def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -
     for window, rows in filled:
         points = window.to_window(tabletop.cloud.points[rows])
         # Also things outside of the cube hide what is in it.
-        visibility = (
-            None if viewpoint is None else visibility_grid(window.to_window(above), window.to_window(viewpoint))
-        )
-        prepared.append(make_scene_input(points, network.config, visibility))
+        eye = None if viewpoint is None else window.to_window(viewpoint)
+        visibility = None if eye is None else visibility_grid(window.to_window(above), eye)
+        prepared.append(make_scene_input(points, network.config, visibility, eye))
     embeddings = []
     for start in range(0, len(prepared), BATCH):
         embeddings += network.encode([scene for scene, _ in prepared[start : start + BATCH]])

@@ -15,7 +15,7 @@ from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
 from icgnet.inference.instances import Instance
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.surface import extract_mesh
+from icgnet.network.surface import cells_with, extract_mesh
 
 SIDE_PADDING = 0.04
 """A shape is looked for this far beyond the seen points, sideways [m]: the camera sees the front only."""
@@ -40,12 +40,14 @@ class Shape:
         instance: the object.
         lower: lower corner of the box in which the shape is looked for, table frame [m].
         upper: upper corner of it [m].
+        seen: points of the object, table frame [m]; where they are, thin parts are looked for.
     """
 
     network: IcgNet
     instance: Instance
     lower: Float[np.ndarray, "3"]
     upper: Float[np.ndarray, "3"]
+    seen: Float[np.ndarray, "n 3"]
 
     @staticmethod
     def around(network: IcgNet, instance: Instance, points: Float[np.ndarray, "n 3"]) -> "Shape":
@@ -54,7 +56,7 @@ class Shape:
         lower = np.maximum(points.min(axis=0) - SIDE_PADDING, origin)
         upper = np.minimum(points.max(axis=0) + np.array([SIDE_PADDING, SIDE_PADDING, TOP_PADDING]), origin + SIZE)
         lower[2] = TABLE_HEIGHT
-        return Shape(network, instance, lower, upper)
+        return Shape(network, instance, lower, upper, points)
 
     def logits(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Occupancy logits at points of the table frame [m], asked from the network."""
@@ -75,7 +77,8 @@ class Shape:
         """Closed surface in the table frame [m]; empty if the network sees no shape."""
         origin = self.instance.view.window.origin
         resolution = int(np.ceil((self.upper - self.lower).max() / MESH_PITCH))
-        mesh = extract_mesh(self._decode, self.lower - origin, self.upper - origin, resolution)
+        box = (self.lower - origin, self.upper - origin)
+        mesh = extract_mesh(self._decode, *box, resolution, self.seen - origin)
         return mesh.apply_transform(make_transform(np.eye(3), origin)) if len(mesh.faces) else mesh
 
     def widths(
@@ -103,16 +106,21 @@ class Shape:
 
     @cached_property
     def _lattice(self) -> Float[np.ndarray, "x y z"]:
-        """Logits on a lattice: everywhere at twice the pitch, then at the pitch itself near the surface."""
+        """Logits on a lattice: everywhere at twice the pitch, then at the pitch itself near surface and seen points."""
         cells = np.maximum(np.ceil((self.upper - self.lower) / (2 * GRID_PITCH)), 1).astype(int)
         coarse_index = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1)
         coarse = self.logits((self.lower + 2 * GRID_PITCH * coarse_index).reshape(-1, 3)).reshape(cells + 1)
         fine_index = np.stack(np.meshgrid(*(np.arange(2 * n + 1) for n in cells), indexing="ij"))
         fine = ndimage.map_coordinates(coarse, fine_index / 2, order=1)
-        near = np.argwhere(_near_surface(fine))
+        near = np.argwhere(_near_surface(fine) | self._near_seen(fine.shape))
         if len(near):
             fine[tuple(near.T)] = self.logits(self.lower + GRID_PITCH * near)
         return fine
+
+    def _near_seen(self, nodes: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
+        """Nodes of the lattice next to a point that was seen."""
+        around = cells_with(self.seen, self.lower - 0.5 * GRID_PITCH, GRID_PITCH, nodes)
+        return ndimage.binary_dilation(around, np.ones((3, 3, 3), dtype=bool))
 
     @torch.no_grad()
     def _decode(self, points: torch.Tensor) -> torch.Tensor:

@@ -47,6 +47,9 @@ class NetworkConfig:
     """Cells per axis of the dense grid: it covers [0, dense_cells * dense_pitch] exactly."""
     visibility: bool = True
     """Whether the dense part also sees which space is free and which is hidden (two more channels)."""
+    point_inputs: bool = True
+    """Whether both U-Nets see where in a voxel or cell its points lie, and the sparse one its height above the table;
+    the published inputs are whether a voxel or cell holds points."""
 
     stem_width: int = 8
     encoder_widths: tuple[int, ...] = (16, 32, 64, 128)
@@ -72,10 +75,16 @@ class NetworkConfig:
     fourier_scale: float = 2.0
     seeded_masks: bool = True
     """Whether a query's mask also depends on where the query was seeded, or on the features alone (published)."""
+    seeded_content: bool = True
+    """Whether a query starts from the features where it was seeded, or from learnt content alone (published)."""
+    class_of_mask: bool = True
+    """Whether the class is read from the mask's mean features and extent, too, or from the query alone (published)."""
     classes: int = 7
     """Real classes; the class head has one more logit, the last, for no object."""
 
     neighbours: int = 6
+    view_depth: bool = True
+    """Whether features at a point know how far behind its neighbours it lies, along the lines of sight to these."""
     decoder_width: int = 32
     decoder_blocks: int = 5
     decoder_stages: Literal["all", "final"] = "final"
@@ -96,8 +105,16 @@ class NetworkConfig:
 
     @property
     def dense_channels(self) -> int:
-        """Input channels of the dense part: occupancy, and with `visibility` its value and a known flag."""
-        return 3 if self.visibility else 1
+        """Input channels of the dense part.
+
+        Occupancy; with `visibility` its value and a known flag; with `point_inputs` the mean offset of a cell's points.
+        """
+        return 1 + 2 * self.visibility + 3 * self.point_inputs
+
+    @property
+    def surface_channels(self) -> int:
+        """Input channels of the sparse part: 1, and with `point_inputs` offset in the voxel and height."""
+        return 1 + 4 * self.point_inputs
 
     @property
     def stages(self) -> int:
@@ -138,8 +155,12 @@ NETWORKS = {
     "paper": NetworkConfig(
         name="paper",
         visibility=False,
+        point_inputs=False,
+        view_depth=False,
         position_scale="cloud",
         seeded_masks=False,
+        seeded_content=False,
+        class_of_mask=False,
         decoder_stages="all",
         affordance="contact",
     ),

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from icgnet.network.batch_norm import GridBatchNorm
 from icgnet.network.config import NetworkConfig
 from icgnet.network.dense_map import DenseMap
 
@@ -33,7 +34,7 @@ class GridConv(nn.Conv3d):
 def _double_conv(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
     layers: list[nn.Module] = []
     for source, target in ((inputs, hidden), (hidden, outputs)):
-        layers += [GridConv(source, target), nn.ReLU(), nn.BatchNorm3d(target)]
+        layers += [GridConv(source, target), nn.ReLU(), GridBatchNorm(target)]
     return nn.Sequential(*layers)
 
 

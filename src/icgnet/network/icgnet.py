@@ -15,7 +15,7 @@ from icgnet.network.dense_map import DenseMap
 from icgnet.network.dense_unet import DenseUNet
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.hand_decoder import HandDecoder
-from icgnet.network.inputs import SceneInput
+from icgnet.network.inputs import SceneInput, surface_features
 from icgnet.network.interpolation import Interpolation, NeighbourPooling, feature_level
 from icgnet.network.positional import FourierEncoding, scene_bounds
 from icgnet.network.refinement import QueryRefinement, StageOutput
@@ -54,11 +54,13 @@ class IcgNet(nn.Module):
         self._check(inputs)
         coordinates = torch.cat([nn.functional.pad(s.voxels, (1, 0), value=b) for b, s in enumerate(inputs)])
         pyramid = VoxelPyramid.build(coordinates)
-        surface = self.sparse(pyramid)
+        given = torch.cat([surface_features(scene.voxels, scene.positions, self.config) for scene in inputs])
+        surface = self.sparse(pyramid, given)
         volume = self.dense(torch.stack([scene.dense for scene in inputs]))
         positions = torch.cat([scene.positions for scene in inputs])
         with _full_precision(positions):
-            tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size)
+            viewpoints = [scene.viewpoint for scene in inputs]
+            tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size, viewpoints)
             scenes = zip(inputs, tokens, volume, strict=True)
             return [self._embed(scene, levels, maps) for scene, levels, maps in scenes]
 

@@ -8,7 +8,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from icgnet.errors import InputError
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.network.config import NetworkConfig
+
+HEIGHT_UNIT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,15 +23,22 @@ class SceneInput:
     positions: Float[Tensor, "v 3"]
     """Mean of the points of each voxel [m]."""
     dense: Float[Tensor, "d x y z"]
-    """Occupancy of the workspace grid; with visibility also its value and a flag that it is known."""
+    """Occupancy of the workspace grid; with visibility its value and a flag that it is known; with point inputs the
+    mean offset of a cell's points from its centre, in cells."""
+    viewpoint: Float[Tensor, "3"] | None = None
+    """Where the camera stood [m], if it is known."""
 
     def to(self, device: torch.device | str) -> "SceneInput":
         """The same on another device."""
-        return SceneInput(self.voxels.to(device), self.positions.to(device), self.dense.to(device))
+        viewpoint = None if self.viewpoint is None else self.viewpoint.to(device)
+        return SceneInput(self.voxels.to(device), self.positions.to(device), self.dense.to(device), viewpoint)
 
 
 def make_scene_input(
-    points: Float[np.ndarray, "n 3"], config: NetworkConfig, visibility: Float[np.ndarray, "x y z"] | None = None
+    points: Float[np.ndarray, "n 3"],
+    config: NetworkConfig,
+    visibility: Float[np.ndarray, "x y z"] | None = None,
+    viewpoint: Float[np.ndarray, "3"] | None = None,
 ) -> tuple[SceneInput, Int[np.ndarray, " n"]]:
     """The network's input for a cloud, and for each point the row of its voxel.
 
@@ -38,6 +48,7 @@ def make_scene_input(
         config: of the network that will take it.
         visibility: projective signed distance of the cells of the dense grid (+1 free, -1 hidden), None if the
             viewpoint is not known. Ignored by a configuration without visibility.
+        viewpoint: where the camera stood [m, workspace frame], None if it is not known.
 
     Raises:
         InputError: for an empty cloud, points that are not finite, or a visibility grid of another size.
@@ -55,6 +66,7 @@ def make_scene_input(
         voxels=torch.from_numpy(voxels),
         positions=torch.from_numpy((sums / counts[:, None]).astype(np.float32)),
         dense=torch.from_numpy(dense),
+        viewpoint=None if viewpoint is None else torch.from_numpy(np.asarray(viewpoint, np.float32)),
     )
     return scene, point_to_voxel
 
@@ -79,4 +91,32 @@ def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarra
             raise InputError(f"visibility {visibility.shape}: expected {(size, size, size)}")
         dense[1] = visibility
         dense[2] = 1.0
+    if config.point_inputs:
+        dense[-3:] = _mean_offsets(points / config.dense_pitch, size)
     return dense
+
+
+def _mean_offsets(points: np.ndarray, size: int) -> np.ndarray:
+    """Mean offset of the points [cells] in each cell of a grid from the cell's centre; 0 where there are none."""
+    cells = np.floor(points).astype(np.int64)
+    inside = ((cells >= 0) & (cells < size)).all(1)
+    rows = np.ravel_multi_index(tuple(cells[inside].T), (size, size, size))
+    offsets = points[inside] - cells[inside] - 0.5
+    counts = np.maximum(np.bincount(rows, minlength=size**3), 1)
+    sums = [np.bincount(rows, weights=offsets[:, axis], minlength=size**3) for axis in range(3)]
+    return (np.stack(sums) / counts).reshape(3, size, size, size)
+
+
+def surface_features(
+    voxels: Int[Tensor, "v 3"], positions: Float[Tensor, "v 3"], config: NetworkConfig
+) -> Float[Tensor, "v c"]:
+    """What the sparse part sees of every voxel: 1, the offset of its points from its centre, its height.
+
+    Paper: the constant 1. Differs in preset `default`: offsets [voxels] and the height above the table [10 cm] follow.
+    """
+    ones = positions.new_ones(len(positions), 1)
+    if not config.point_inputs:
+        return ones
+    offsets = positions / config.voxel_size - voxels - 0.5
+    height = (positions[:, 2:] - TABLE_HEIGHT) / HEIGHT_UNIT
+    return torch.cat([ones, offsets, height], 1)

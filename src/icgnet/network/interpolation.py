@@ -15,13 +15,15 @@ class NeighbourPooling(nn.Module):
     """PointNet over the nearest tokens: which features are where, seen from the point.
 
     Paper: interpolation, KNN with a small PointNet, so that the two sides of a surface differ.
+    Differs with `view_depth`: how far the point lies behind each token along the line of sight to it is given, too.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         width = config.query_width
         self.count = config.neighbours
-        self.layers = nn.Sequential(ResidualBlock(width + 3, width), ResidualBlock(width, width))
+        self.view_depth = config.view_depth
+        self.layers = nn.Sequential(ResidualBlock(width + 3 + self.view_depth, width), ResidualBlock(width, width))
 
     def forward(
         self, points: Float[Tensor, "n 3"], tokens: Tokens, features: Float[Tensor, "t c"]
@@ -30,7 +32,10 @@ class NeighbourPooling(nn.Module):
         rows = tokens.search.nearest(points, self.count)
         offsets = (tokens.positions[rows] - points.detach()[:, None]) / tokens.pitch
         nearby = features.index_select(0, rows.reshape(-1)).view(*rows.shape, -1)
-        return self.layers(torch.cat([nearby, offsets.to(nearby.dtype)], 2)).amax(1)
+        parts = [nearby, offsets.to(nearby.dtype)]
+        if self.view_depth:
+            parts.append(-(offsets * tokens.sight[rows]).sum(2, keepdim=True).to(nearby.dtype))
+        return self.layers(torch.cat(parts, 2)).amax(1)
 
 
 class Interpolation(nn.Module):

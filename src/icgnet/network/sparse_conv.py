@@ -180,24 +180,3 @@ class UpConv(nn.Module):
         outputs = self.weight.shape[2]
         children = features @ self.weight.transpose(0, 1).reshape(features.shape[1], -1)
         return children.view(-1, outputs).index_select(0, step.slots)
-
-
-class VoxelBatchNorm(nn.BatchNorm1d):
-    """Batch normalisation over voxels, also for single scenes.
-
-    The running statistics start as those of the first batch and forget quickly at first, at `momentum` only after some
-    3 / momentum batches: with the small momentum alone, evaluation early in training is spoilt by where they started. A
-    level with a single voxel has no variance and is normalised by the running statistics.
-    """
-
-    def forward(self, input: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
-        """Normalised features."""
-        batch, share = self.training and len(input) > 1, 0.0
-        if batch:
-            assert self.num_batches_tracked is not None
-            assert self.momentum is not None
-            self.num_batches_tracked.add_(1)
-            share = max(self.momentum, 3.0 / (2 + int(self.num_batches_tracked)))
-        return nn.functional.batch_norm(
-            input, self.running_mean, self.running_var, self.weight, self.bias, batch, share, self.eps
-        )

@@ -6,8 +6,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from icgnet.network.batch_norm import VoxelBatchNorm
 from icgnet.network.config import NetworkConfig
-from icgnet.network.sparse_conv import Coarsening, DownConv, SubmanifoldConv, UpConv, VoxelBatchNorm, VoxelLevel
+from icgnet.network.sparse_conv import Coarsening, DownConv, SubmanifoldConv, UpConv, VoxelLevel
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class SparseUNet(nn.Module):
         stem, encoder, decoder = config.stem_width, config.encoder_widths, config.decoder_widths
         momentum = config.batch_norm_momentum
         skips = (stem, *encoder[:-1])
-        self.stem = SubmanifoldConv(1, stem, kernel=5)
+        self.stem = SubmanifoldConv(config.surface_channels, stem, kernel=5)
         self.stem_norm = VoxelBatchNorm(stem, momentum=momentum)
         self.down = nn.ModuleList(DownConv(width, width) for width in skips)
         self.down_norms = nn.ModuleList(VoxelBatchNorm(width, momentum=momentum) for width in skips)
@@ -76,10 +77,10 @@ class SparseUNet(nn.Module):
             for width, skip, dilation in zip(decoder, reversed(skips), config.dilations[4:], strict=True)
         )
 
-    def forward(self, pyramid: VoxelPyramid) -> tuple[Float[Tensor, "_ _"], ...]:
-        """Features at strides 8, 4, 2 and 1, coarse to fine; the input is the constant 1 at every voxel."""
+    def forward(self, pyramid: VoxelPyramid, given: Float[Tensor, "v c"]) -> tuple[Float[Tensor, "_ _"], ...]:
+        """Features at strides 8, 4, 2 and 1, coarse to fine, from those that are given for the voxels."""
         finest = pyramid.levels[0]
-        features = torch.ones(len(finest), 1, device=finest.coordinates.device, dtype=self.stem.weight.dtype)
+        features = given.to(self.stem.weight.dtype)
         features = torch.relu(self.stem_norm(self.stem(features, finest)))
         skips = []
         for index, step in enumerate(pyramid.steps):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 from skimage import measure
 from torch import Tensor
@@ -22,17 +22,20 @@ def extract_mesh(
     lower: Float[np.ndarray, "3"],
     upper: Float[np.ndarray, "3"],
     resolution: int = 64,
+    seen: Float[np.ndarray, "n 3"] | None = None,
 ) -> trimesh.Trimesh:
     """Closed surface where an occupancy field crosses 0, inside a box; an empty mesh if it crosses nowhere.
 
-    Starts with a coarse grid and halves only the cells near the surface (as MISE does): a thing thinner than a cell of
-    the coarse grid can be missed. A shape that reaches the border of the box is cut off and closed there.
+    Starts with a coarse grid and halves only the cells near the surface (as MISE does) and around points that were seen
+    on it: away from these, a thing thinner than a cell of the coarse grid can be missed. A shape that reaches the
+    border of the box is cut off and closed there.
 
     Args:
         occupancy: from points `[n, 3]` (float32 [m]) to logits `[n]`, above 0 inside.
         lower: lower corner of the box [m].
         upper: upper corner of the box [m].
         resolution: cells along the longest edge of the box; rounded up to a multiple of the coarse grid's.
+        seen: points near the surface [m], if any are known.
 
     Raises:
         InputError: for an empty box or a resolution below 2.
@@ -47,7 +50,10 @@ def extract_mesh(
 
     values = _evaluate(occupancy, np.argwhere(np.ones(cells + 1, bool)), lower, coarse_pitch).reshape(cells + 1)
     for halving in range(halvings):
-        active = _double_cells(_cells_near_surface(values))
+        crossed = _cells_crossed(values)
+        if seen is not None:
+            crossed |= cells_with(seen, lower, coarse_pitch / 2**halving, crossed.shape)
+        active = _double_cells(ndimage.binary_dilation(crossed, np.ones((3, 3, 3))))
         values = _double_vertices(values)
         wanted = np.argwhere(_vertices_of(active))
         wanted = wanted[(wanted % 2 != 0).any(1)]
@@ -63,11 +69,28 @@ def _evaluate(
     return torch.cat(parts).numpy() if parts else np.zeros(0, np.float32)
 
 
-def _cells_near_surface(values: np.ndarray) -> np.ndarray:
-    """Cells with corners of both signs, and their neighbours."""
+def _cells_crossed(values: np.ndarray) -> np.ndarray:
+    """Cells with corners of both signs."""
     corners = np.stack([values[_shift(x), _shift(y), _shift(z)] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    crossed = (corners.min(0) <= 0) & (corners.max(0) > 0)
-    return ndimage.binary_dilation(crossed, np.ones((3, 3, 3)))
+    return (corners.min(0) <= 0) & (corners.max(0) > 0)
+
+
+def cells_with(
+    points: Float[np.ndarray, "n 3"], lower: Float[np.ndarray, "3"], pitch: float, shape: tuple[int, ...]
+) -> Bool[np.ndarray, "x y z"]:
+    """Which cells of a grid of this shape hold a point; points outside of the grid are in none.
+
+    Args:
+        points: positions [m].
+        lower: corner of the first cell [m].
+        pitch: size of a cell [m].
+        shape: number of cells along each axis.
+    """
+    cells = np.floor((points - lower) / pitch).astype(np.int64)
+    cells = cells[((cells >= 0) & (cells < shape)).all(axis=1)]
+    held = np.zeros(shape, bool)
+    held[tuple(cells.T)] = True
+    return held
 
 
 def _shift(side: int) -> slice:

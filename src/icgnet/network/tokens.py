@@ -24,6 +24,8 @@ class Tokens:
     """Size of the voxel of a token [m]."""
     of_voxel: Int[Tensor, " v"]
     """For each finest voxel of the scene the row of its token."""
+    sight: Float[Tensor, "t 3"]
+    """Unit vector from the camera to the token; 0 if the viewpoint is not known."""
 
     @cached_property
     def search(self) -> NeighbourSearch:
@@ -39,6 +41,13 @@ def mean_by_row(values: Float[Tensor, "v c"], rows: Int[Tensor, " v"], count: in
     """Mean of the values that share a row; every row from 0 to `count` - 1 must occur."""
     total = values.new_zeros(count, values.shape[1]).index_add(0, rows, values)
     return total / torch.bincount(rows, minlength=count).to(values.dtype)[:, None]
+
+
+def lines_of_sight(positions: Float[Tensor, "t 3"], viewpoint: Float[Tensor, "3"] | None) -> Float[Tensor, "t 3"]:
+    """Unit vectors from the viewpoint to the positions [m]; 0 without a viewpoint."""
+    if viewpoint is None:
+        return torch.zeros_like(positions)
+    return torch.nn.functional.normalize(positions - viewpoint, dim=1)
 
 
 def token_widths(config: NetworkConfig) -> tuple[int, ...]:
@@ -58,6 +67,7 @@ def aggregate(
     sparse_features: tuple[Float[Tensor, "_ _"], ...],
     dense_maps: tuple[tuple[DenseMap, ...], ...],
     voxel_size: float,
+    viewpoints: list[Float[Tensor, "3"] | None],
 ) -> list[tuple[Tokens, ...]]:
     """For each scene of a batch its tokens at strides 8, 4, 2 and 1, coarse to fine.
 
@@ -70,6 +80,7 @@ def aggregate(
         sparse_features: coarse to fine, over the voxels of the batch.
         dense_maps: for each scene, coarse to fine.
         voxel_size: pitch of the finest voxels [m].
+        viewpoints: for each scene where the camera stood [m, workspace frame], None where that is not known.
     """
     scenes = len(dense_maps)
     level_positions = [positions]
@@ -91,6 +102,7 @@ def aggregate(
         for scene, (position, feature, rows) in enumerate(parts):
             context = dense_maps[scene][index].nearest(position)
             tokens = torch.cat([feature.float(), context], 1)
-            by_scene[scene].append(Tokens(position, tokens, voxel_size * 2**level, rows - first_row))
+            sight = lines_of_sight(position, viewpoints[scene])
+            by_scene[scene].append(Tokens(position, tokens, voxel_size * 2**level, rows - first_row, sight))
             first_row += len(position)
     return [tuple(tokens) for tokens in by_scene]

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,13 @@ from icgnet.network.icgnet import IcgNet
 FORMAT = "icgnet-weights-1"
 
 
-def save_weights(path: Path | str, network: IcgNet, metadata: dict[str, Any], half: bool = False) -> None:
+def save_weights(
+    path: Path | str,
+    network: IcgNet,
+    metadata: dict[str, Any],
+    half: bool = False,
+    full: Collection[str] = (),
+) -> None:
     """Write a network's weights and configuration, atomically.
 
     Args:
@@ -25,12 +32,14 @@ def save_weights(path: Path | str, network: IcgNet, metadata: dict[str, Any], ha
         network: network on any device.
         metadata: plain values about the training (JSON), given back by `load_weights`.
         half: store kernels in 16 bits (IEEE half); vectors and statistics stay in 32.
+        full: names of kernels that stay in 32 bits all the same.
     """
     path = Path(path)
     tensors = {}
     for name, tensor in network.state_dict().items():
         stored = tensor.detach().cpu().contiguous()
-        tensors[name] = stored.half() if half and stored.is_floating_point() and stored.ndim > 1 else stored
+        shortened = half and name not in full and stored.is_floating_point() and stored.ndim > 1
+        tensors[name] = stored.half() if shortened else stored
     header = {
         "format": FORMAT,
         "config": json.dumps(network.config.to_dict(), sort_keys=True),
@@ -87,6 +96,19 @@ def stored_checksum(path: Path | str) -> str:
         with safe_open(Path(path), framework="pt") as file:
             return (file.metadata() or {})["sha256"]
     except (SafetensorError, OSError, KeyError) as error:
+        raise DataError(f"{path}: not icgnet weights ({type(error).__name__} {error})") from error
+
+
+def is_stored_in_half(path: Path | str) -> bool:
+    """Whether a weights file holds kernels in 16 bits.
+
+    Raises:
+        DataError: for a missing, damaged or foreign file.
+    """
+    try:
+        with safe_open(Path(path), framework="pt") as file:
+            return any(file.get_slice(name).get_dtype() == "F16" for name in file.keys())  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
         raise DataError(f"{path}: not icgnet weights ({type(error).__name__} {error})") from error
 
 

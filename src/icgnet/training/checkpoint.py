@@ -70,20 +70,14 @@ def save_checkpoint(
         "network": network.state_dict(),
         "average": average.network.state_dict(),
         "optimizer": optimizer.state_dict(),
-        "random": torch.get_rng_state(),
     }
     partial = path.with_name(path.name + ".partial")
     torch.save(content, partial)
     os.replace(partial, path)
 
 
-def load_checkpoint(
-    path: Path,
-    network: nn.Module,
-    average: WeightAverage,
-    optimizer: torch.optim.Optimizer,
-) -> Progress:
-    """Puts network, average, optimiser and torch's random numbers back, and returns where the run stood.
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """What `save_checkpoint` wrote.
 
     Raises:
         DataError: the file is damaged or of another version.
@@ -94,8 +88,17 @@ def load_checkpoint(
         raise DataError(f"{path}: not a readable checkpoint ({type(error).__name__})") from error
     if content.get("format") != FORMAT:
         raise DataError(f"{path}: checkpoint of format {content.get('format')}, this version reads {FORMAT}")
+    return content
+
+
+def restore(
+    content: dict[str, Any],
+    network: nn.Module,
+    average: WeightAverage,
+    optimizer: torch.optim.Optimizer,
+) -> Progress:
+    """Puts network, average and optimiser back into the state of a checkpoint, and returns where the run stood."""
     network.load_state_dict(content["network"])
     average.network.load_state_dict(content["average"])
     optimizer.load_state_dict(content["optimizer"])
-    torch.set_rng_state(content["random"])
     return Progress(**content["progress"])

@@ -47,7 +47,7 @@ class Sampling:
     translation: float = 0.02
     viewpoint_drop: float = 0.1
     fewest_voxels: int = 10
-    occupancy_points: int = 1536
+    occupancy_points: int = 2048
     near_share: float = 0.5
     far_share: float = 0.2
     points_near_objects: bool = False
@@ -101,7 +101,7 @@ class TrainingConfig:
         seed: of the network's initial weights and of all draws.
         steps: optimiser steps of the run.
         minutes: training time of the run, summed over its legs [min].
-        batch: scenes per optimiser step and device.
+        batch: scenes per optimiser step, in each process that trains.
         learning_rate: after the warm-up.
         final_learning_rate: at the end of the cosine, as a fraction of `learning_rate`.
         warmup_steps: steps in which the learning rate rises from 0.
@@ -196,6 +196,7 @@ TRAININGS = {
 
 CONFIG_FILE = "config.json"
 INDIFFERENT = (
+    "training.batch",
     "training.threads",
     "training.workers",
     "training.bfloat16",
@@ -204,7 +205,10 @@ INDIFFERENT = (
     "data.scenes",
     "data.validation_scenes",
 )
-"""What may change between the legs of a run: how fast it trains, how often it reports, and data that have grown."""
+"""What may change between the legs of a run: how fast it trains, how often it reports, and data that have grown.
+
+The batch of a process may, too, because the number of scenes in a step, over all processes, may not.
+"""
 
 
 def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
@@ -222,6 +226,8 @@ def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
     changes: dict[str, str] = {}
     if path.is_file():
         before, now = _flatten(json.loads(path.read_text())), _flatten(json.loads(text))
+        # Folders from before several processes could train do not say it.
+        before.setdefault("scenes_per_step", before.get("training.batch"))
         keys = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
         changes = {key: f"{key}: {before.get(key)} there, {now.get(key)} now" for key in keys}
         forbidden = [change for key, change in changes.items() if key not in INDIFFERENT]
@@ -232,9 +238,14 @@ def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
     return list(changes.values())
 
 
-def training_record(config: TrainingConfig, data: dict[str, Any]) -> dict[str, Any]:
+def training_record(config: TrainingConfig, processes: int, data: dict[str, Any]) -> dict[str, Any]:
     """The configuration and its data as plain values, for `config.json`."""
-    return {"training": asdict(config), "network": NETWORKS[config.network].to_dict(), "data": data}
+    return {
+        "training": asdict(config),
+        "scenes_per_step": config.batch * processes,
+        "network": NETWORKS[config.network].to_dict(),
+        "data": data,
+    }
 
 
 def _flatten(content: Any, prefix: str = "") -> dict[str, Any]:

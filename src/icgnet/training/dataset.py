@@ -86,7 +86,7 @@ class RecipeDataset(Dataset):
         points, owners, viewpoint = seen.points[inside], seen.owners[inside], seen.viewpoint
         known = rng.random() >= self.sampling.viewpoint_drop
         visibility = visibility_grid(points, viewpoint) if known and self.network.visibility else None
-        scene_input, point_to_voxel = make_scene_input(points, self.network, visibility)
+        scene_input, point_to_voxel = make_scene_input(points, self.network, visibility, viewpoint if known else None)
         voxel_owners = majority(owners, point_to_voxel, len(scene_input.voxels), len(placements))
         voxel_instances, instance_of_object = renumber(
             voxel_owners, len(placements), self.sampling.fewest_voxels, self.network.queries

@@ -1,25 +1,40 @@
 """The training loop: one for a laptop, a GPU or several, through Lightning Fabric."""
 
 import json
-import time
+import math
+import zlib
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from lightning_fabric import Fabric
+from torch import Tensor
 from torch.utils.data import DataLoader
 
-from icgnet.datagen.recipe import read_recipes
+from icgnet.datagen.recipe import Recipe, read_recipes
 from icgnet.errors import DataError
+from icgnet.network.batch_norm import synchronise_statistics
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import save_weights
-from icgnet.training.checkpoint import CHECKPOINT_FILE, Progress, WeightAverage, load_checkpoint, save_checkpoint
+from icgnet.network.weights import load_weights, save_weights, stored_checksum
+from icgnet.training.checkpoint import (
+    CHECKPOINT_FILE,
+    Progress,
+    WeightAverage,
+    read_checkpoint,
+    restore,
+    save_checkpoint,
+)
 from icgnet.training.config import TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches
-from icgnet.training.losses import TrainingLoss
+from icgnet.training.log import Clock, TrainingLog
+from icgnet.training.losses import LossWeights, TrainingLoss
+from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import evaluate, selection_score
+from icgnet.training.processes import Accelerator, agreed, check_same, join_processes
 from icgnet.training.sample import Sample
 from icgnet.training.schedule import learning_rate_factor
 from icgnet.training.validation import load_object_sets, validation_samples
@@ -39,11 +54,16 @@ def train(
     objects: Sequence[str | Path] = ("procedural",),
     report: Report = lambda line: None,
     leg_steps: int | None = None,
+    start: Path | None = None,
+    accelerator: Accelerator = "auto",
 ) -> dict[str, float]:
     """Trains a network, or goes on with the run that `out` holds, and returns its last validation metrics.
 
     Writes to `out`: config.json, metrics.jsonl, checkpoint.pt, weights.safetensors (best on validation scenes, averaged
     weights) and, when the budget is used up, weights_final.safetensors.
+
+    Processes that `torchrun` started train one network together, each on its own scenes (docs/guides/multi_gpu.md).
+    Only the first of them reads and writes `out`, validates, reports, and returns metrics.
 
     Args:
         config: of the run.
@@ -52,51 +72,90 @@ def train(
         objects: sources of the object sets that the recipes name, see `load_object_set`.
         report: gets a line of text now and then.
         leg_steps: stop after so many steps of this call, with a checkpoint; None goes on to the end of the budget.
+        start: weights that the run begins with; random ones if None.
+        accelerator: what to compute on; "auto" takes a GPU where there is one.
 
     Raises:
-        DataError: no training recipes, a missing object set, a damaged checkpoint, or a run with other settings.
+        InputError: fewer GPUs than processes.
+        DataError: no training recipes, a missing object set, a damaged checkpoint, weights that are damaged or of
+            another network, a run with other settings, or other scenes than the first process has.
     """
     recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
     by_split = {split: [recipe for recipe in recipes if recipe.split == split] for split in ("train", "val")}
     if not by_split["train"]:
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
-    counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
-    out = Path(out)
-    record = training_record(config, {"folders": sorted(str(folder) for folder in data), **counts})
-    for change in write_or_compare(out, record):
-        report(f"going on with another setting: {change}")
+    fabric, out = join_processes(accelerator), Path(out)
+    check_same(fabric, "scenes", _fingerprint(recipes))
+    if not fabric.is_global_zero:
+        report = _silence
+    else:
+        counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
+        begins_with = None if start is None else stored_checksum(start)
+        folders = sorted(str(folder) for folder in data)
+        record = training_record(config, fabric.world_size, {"folders": folders, **counts, "start": begins_with})
+        for change in write_or_compare(out, record):
+            report(f"going on with another setting: {change}")
     torch.set_num_threads(config.threads)
     report(f"loading the objects of {len(recipes)} scenes")
     object_sets = load_object_sets(objects)
     dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, NETWORKS[config.network], config.seed)
-    validation = validation_samples(
-        config.network, config.sampling, config.validation_scenes, by_split["val"], object_sets
-    )
-    return Trainer(config, dataset, validation, out, report).run(leg_steps)
+    to_validate = by_split["val"] if fabric.is_global_zero else []
+    validation = validation_samples(config.network, config.sampling, config.validation_scenes, to_validate, object_sets)
+    return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What an optimiser step did.
+
+    Attributes:
+        scenes: loss and terms of each scene of this process.
+        gradient_norm: before it was clipped.
+        skipped: whether the gradient was not finite and the weights were left as they were.
+    """
+
+    scenes: list[dict[str, Tensor]]
+    gradient_norm: float
+    skipped: bool
 
 
 class Trainer:
-    """A run: its network, optimiser, average, and where it stands."""
+    """A run: its network, optimiser, average, and where it stands.
+
+    With several processes each holds all of this, and they stay equal: gradients are averaged, batch normalisation
+    takes its statistics over all of them, and what depends on the clock is decided by one common time.
+    """
 
     def __init__(
-        self, config: TrainingConfig, dataset: RecipeDataset, validation: list[Sample], out: Path, report: Report
+        self,
+        config: TrainingConfig,
+        fabric: Fabric,
+        dataset: RecipeDataset,
+        validation: list[Sample],
+        out: Path,
+        report: Report,
+        start: Path | None = None,
+        make_loss: Callable[[IcgNet, LossWeights, MatchingCosts, bool], TrainingLoss] = TrainingLoss,
     ) -> None:
-        self.config, self.dataset, self.validation, self.out, self.report = config, dataset, validation, out, report
-        self.fabric = Fabric(devices="auto", accelerator="auto")
-        self.fabric.launch()
+        """`validation` is empty in all processes but the first."""
+        self.config, self.dataset, self.out, self.report, self.fabric = config, dataset, out, report, fabric
         torch.manual_seed(config.seed)
         self.network = IcgNet(NETWORKS[config.network])
+        if start is not None:
+            self.network.load_state_dict(load_weights(start, NETWORKS[config.network])[0].state_dict())
+        # The optimiser puts its state where the weights are when a checkpoint is restored.
+        self.network.to(fabric.device)
+        if fabric.world_size > 1:
+            synchronise_statistics(self.network)
         self.average = WeightAverage(self.network, config.average_decay)
         optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
-        self.progress = Progress()
-        if self.checkpoint_path.is_file():
-            self.progress = load_checkpoint(self.checkpoint_path, self.network, self.average, optimizer)
-        loss = TrainingLoss(self.network, config.loss, config.matching, config.bfloat16)
-        self.loss, self.optimizer = self.fabric.setup(loss, optimizer)
-        self.average.network.to(self.fabric.device)
-        self.validation = [sample.to(self.fabric.device) for sample in validation]
+        self.progress = self._resume(optimizer)
+        self._skipped_in_a_row = 0
+        module = make_loss(self.network, config.loss, config.matching, config.bfloat16)
+        self.loss, self.optimizer = fabric.setup(module, optimizer)
+        self.validation = [sample.to(fabric.device) for sample in validation]
 
     @property
     def checkpoint_path(self) -> Path:
@@ -110,29 +169,31 @@ class Trainer:
             return evaluate(self.average.network, self.validation, self.config.matching)
         if self.progress.step:
             self.report(f"going on from step {self.progress.step}")
-        batches = self._batches()
-        clock = _Clock(self.progress.elapsed)
-        log = _Log()
-        saved = validated = logged = clock.elapsed
+        batches = self.batches()
+        clock = Clock(self.progress.elapsed)
+        log = TrainingLog()
+        saved = validated = logged = self.progress.elapsed
         last_step = self.progress.step + leg_steps if leg_steps is not None else None
         while self.config.progress(self.progress.step, self.progress.elapsed) < 1.0 and self.progress.step != last_step:
             with log.waiting:
                 samples = next(batches)
-            log.add(self._step(samples), len(samples))
-            self.progress.elapsed = now = clock.elapsed
+            step = self.step(samples)
+            log.add(step.scenes, step.gradient_norm, step.skipped)
+            self.progress.elapsed = now = agreed(self.fabric, clock.elapsed)
             if now - logged > self.config.log_seconds:
-                self._write("train", log.summary(now - logged) | {"learning_rate": self._learning_rate()})
-                log, logged = _Log(), now
+                means = log.summary(now - logged, self.fabric)
+                self._write("train", means | {"learning_rate": self.learning_rate})
+                log, logged = TrainingLog(), now
             if now - validated > 60 * self.config.validation_minutes:
                 self._validate()
-                validated = logged = clock.elapsed
+                validated = logged = agreed(self.fabric, clock.elapsed)
             if now - saved > 60 * self.config.checkpoint_minutes:
                 self._save()
-                saved = clock.elapsed
+                saved = now
         return self._finish(stopped_early=self.progress.step == last_step)
 
-    def _batches(self) -> Iterator[list[Sample]]:
-        """The samples of the visits that come next."""
+    def batches(self) -> Iterator[list[Sample]]:
+        """The samples of the visits that come next in this process."""
         start = self.progress.visits
         visits = VisitBatches(start, self.config.batch, self.fabric.global_rank, self.fabric.world_size)
         loader = DataLoader(
@@ -141,46 +202,80 @@ class Trainer:
             num_workers=self.config.workers,
             collate_fn=list,
             prefetch_factor=4 if self.config.workers else None,
-            # Its own generator, because the loader draws from it when it starts, at every leg of a run.
-            generator=torch.Generator(),
         )
         return iter(loader)
 
-    def _step(self, samples: list[Sample]) -> dict[str, torch.Tensor]:
-        """One optimiser step; returns the loss terms, the gradient's norm and whether the step had to be skipped."""
-        rate = self._learning_rate()
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate
+    def step(self, samples: list[Sample]) -> Step:
+        """One optimiser step.
+
+        Raises:
+            RuntimeError: the last `MOST_SKIPPED` gradients were not finite.
+        """
+        loss, scenes = self.forward(samples)
+        self.backward(loss)
+        norm = self.update()
+        skipped = not math.isfinite(norm)
+        self._skipped_in_a_row = self._skipped_in_a_row + 1 if skipped else 0
+        if self._skipped_in_a_row == MOST_SKIPPED:
+            raise RuntimeError(f"the gradient was not finite in {MOST_SKIPPED} steps in a row: training has diverged")
+        return Step(scenes, norm, skipped)
+
+    def forward(self, samples: list[Sample]) -> tuple[Tensor, list[dict[str, Tensor]]]:
+        """The loss of this process's scenes, with what it consists of."""
+        # Draws depend on run, step and process alone, so a checkpoint need not hold the state of every device.
+        draws = np.random.SeedSequence([self.config.seed, self.progress.step, self.fabric.global_rank])
+        torch.manual_seed(int(draws.generate_state(1)[0]))
         self.loss.train()
-        total, terms = self.loss([sample.to(self.fabric.device) for sample in samples])
+        return self.loss([sample.to(self.fabric.device) for sample in samples])
+
+    def backward(self, loss: Tensor) -> None:
+        """Gradients of the mean loss of all processes."""
         self.optimizer.zero_grad(set_to_none=True)
-        self.fabric.backward(total)
+        self.fabric.backward(loss)
+
+    def update(self) -> float:
+        """Changes the weights, unless the gradient is not finite; returns its norm."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate
         limit = self.config.gradient_clip or float("inf")
-        norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), limit)
-        usable = bool(torch.isfinite(norm))
-        if usable:
+        norm = float(torch.nn.utils.clip_grad_norm_(self.network.parameters(), limit))
+        if math.isfinite(norm):
             self.optimizer.step()
             self.average.update(self.network, self.progress.step)
         self.progress.step += 1
-        self.progress.visits += len(samples) * self.fabric.world_size
-        return terms | {"loss": total.detach(), "gradient_norm": norm, "skipped": torch.tensor(float(not usable))}
+        self.progress.visits += self.config.batch * self.fabric.world_size
+        return norm
 
-    def _learning_rate(self) -> float:
+    @property
+    def learning_rate(self) -> float:
+        """Of the next step."""
         used = self.config.progress(self.progress.step, self.progress.elapsed)
         factor = learning_rate_factor(
             self.progress.step, used, self.config.warmup_steps, self.config.final_learning_rate
         )
         return self.config.learning_rate * factor
 
+    def _resume(self, optimizer: torch.optim.Optimizer) -> Progress:
+        """Where the run stands, and everything as it was there; the first process reads the checkpoint for all."""
+        content = None
+        if self.fabric.is_global_zero and self.checkpoint_path.is_file():
+            content = read_checkpoint(self.checkpoint_path)
+        content = self.fabric.broadcast(content)
+        return Progress() if content is None else restore(content, self.network, self.average, optimizer)
+
     def _validate(self) -> dict[str, float]:
-        """Metrics of the averaged weights; they become the run's weights when they are the best so far."""
-        if not self.validation or not self.fabric.is_global_zero:
-            return {}
-        metrics = evaluate(self.average.network, self.validation, self.config.matching)
-        self._write("val", metrics)
-        if selection_score(metrics) > self.progress.best:
-            self.progress.best = selection_score(metrics)
-            self._save_weights(BEST_FILE, metrics)
+        """Metrics of the averaged weights; they become the run's weights when they are the best so far.
+
+        Done by the first process while the others wait.
+        """
+        metrics: dict[str, float] = {}
+        if self.validation:
+            metrics = evaluate(self.average.network, self.validation, self.config.matching)
+            self._write("val", metrics)
+            if selection_score(metrics) > self.progress.best:
+                self.progress.best = selection_score(metrics)
+                self._save_weights(BEST_FILE, metrics)
+        self.fabric.barrier()
         return metrics
 
     def _finish(self, stopped_early: bool) -> dict[str, float]:
@@ -193,6 +288,7 @@ class Trainer:
                 self._save_weights(BEST_FILE, metrics)
             self.progress.finished = True
         self._save()
+        self.fabric.barrier()
         return metrics
 
     def _save(self) -> None:
@@ -215,54 +311,14 @@ class Trainer:
         self.report(" ".join(f"{key} {_rounded(value)}" for key, value in line.items()))
 
 
-class _Clock:
-    """Training time including that of earlier legs [s]."""
-
-    def __init__(self, before: float) -> None:
-        self._start = time.perf_counter() - before
-
-    @property
-    def elapsed(self) -> float:
-        return time.perf_counter() - self._start
+def _silence(line: str) -> None:
+    """Reports nothing."""
 
 
-class _Log:
-    """Means of what the steps since the last line reported."""
-
-    def __init__(self) -> None:
-        self.steps: list[dict[str, torch.Tensor]] = []
-        self.scenes = 0
-        self.waiting = _Stopwatch()
-
-    def add(self, values: dict[str, torch.Tensor], scenes: int) -> None:
-        self.steps.append(values)
-        self.scenes += scenes
-        skipped = [float(step["skipped"]) for step in self.steps[-MOST_SKIPPED:]]
-        if len(skipped) == MOST_SKIPPED and all(skipped):
-            raise RuntimeError(f"the gradient was not finite in {MOST_SKIPPED} steps in a row: training has diverged")
-
-    def summary(self, seconds: float) -> dict[str, float]:
-        """Means over the steps, scenes per second and the share of time spent waiting for samples."""
-        names = sorted({name for step in self.steps for name in step})
-        means = {name: _mean([float(step[name]) for step in self.steps if name in step]) for name in names}
-        return means | {"scenes_per_s": self.scenes / seconds, "waiting_share": self.waiting.seconds / seconds}
-
-
-class _Stopwatch:
-    """Adds up the time spent inside `with`."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __enter__(self) -> None:
-        self._start = time.perf_counter()
-
-    def __exit__(self, *exception: object) -> None:
-        self.seconds += time.perf_counter() - self._start
-
-
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values)
+def _fingerprint(recipes: list[Recipe]) -> str:
+    """Number of the scenes and a checksum of which they are and in which order."""
+    names = [(each.object_set, each.kind, each.split, each.seed, each.scene_id) for each in recipes]
+    return f"{len(recipes)} scenes {zlib.crc32(repr(names).encode()):08x}"
 
 
 def _rounded(value: Any) -> Any:

@@ -20,6 +20,9 @@ from icgnet.training.sample import NOTHING, Sample
 WIDTH_SCALE = 40.0
 """Widths are compared in units of 25 mm, so that their squares are comparable with the other terms."""
 
+TERMS = ("class_", "mask", "dice", "occupancy", "grasp", "contact", "width", "scene_occupancy", "scene_grasp")
+"""Names of the terms; not every scene has all of them."""
+
 
 @dataclass(frozen=True)
 class LossWeights:
@@ -81,18 +84,21 @@ class TrainingLoss(nn.Module):
         super().__init__()
         self.network, self.weights, self.costs, self.in_16_bits = network, weights, costs, bfloat16
 
-    def forward(self, samples: list[Sample]) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss to minimise and the mean of every unweighted term over the scenes."""
+    def forward(self, samples: list[Sample]) -> tuple[Tensor, list[dict[str, Tensor]]]:
+        """The loss to minimise, which is the mean over the scenes, and of each scene its loss and unweighted terms."""
+        embeddings = self.encode(samples)
+        scenes = [self.scene_terms(embedding, sample) for embedding, sample in zip(embeddings, samples, strict=True)]
+        losses = torch.stack([weighted_sum(terms, self.weights) for terms in scenes])
+        reports = [{"loss": loss, **terms} for loss, terms in zip(losses, scenes, strict=True)]
+        return losses.mean(), [{name: value.detach() for name, value in report.items()} for report in reports]
+
+    def encode(self, samples: list[Sample]) -> list[SceneEmbedding]:
+        """The embeddings of the scenes."""
         device = samples[0].classes.device
         with torch.autocast(device.type, torch.bfloat16, enabled=self.in_16_bits):
-            embeddings = self.network.encode([sample.input for sample in samples])
-        scenes = [self._scene_terms(embedding, sample) for embedding, sample in zip(embeddings, samples, strict=True)]
-        total = torch.stack([weighted_sum(terms, self.weights) for terms in scenes]).mean()
-        names = sorted({name for terms in scenes for name in terms})
-        means = {name: _mean([terms[name] for terms in scenes if name in terms]).detach() for name in names}
-        return total, means
+            return self.network.encode([sample.input for sample in samples])
 
-    def _scene_terms(self, embedding: SceneEmbedding, sample: Sample) -> dict[str, Tensor]:
+    def scene_terms(self, embedding: SceneEmbedding, sample: Sample) -> dict[str, Tensor]:
         """Every term of one scene, averaged over the stages that have it."""
         final, masks = embedding.stages[-1], sample.masks
         seeds = seed_instances(embedding, sample) if self.weights.seeded else None
@@ -105,14 +111,15 @@ class TrainingLoss(nn.Module):
             for stage in embedding.stages
         ]
         for stage in self.network.config.decoded_stages:
-            stages.append(self._occupancy_terms(embedding, sample, queries, stage))
-            stages.append(self._grasp_terms(embedding, sample, queries, stage))
+            stages.append(self.occupancy_terms(embedding, sample, queries, stage))
+            stages.append(self.grasp_terms(embedding, sample, queries, stage))
         names = {name for terms in stages for name in terms}
         return {name: _mean([terms[name] for terms in stages if name in terms]) for name in sorted(names)}
 
-    def _occupancy_terms(
+    def occupancy_terms(
         self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
     ) -> dict[str, Tensor]:
+        """The terms of the shapes of one scene at one stage; none without instances or points."""
         if len(queries) == 0 or len(sample.occupancy_points) == 0:
             return {}
         logits = self.network.decode_occupancy(embedding, queries, sample.occupancy_points, stage)
@@ -124,9 +131,10 @@ class TrainingLoss(nn.Module):
             terms["scene_occupancy"] = bce(logits.amax(0), sample.occupancy.any(0))
         return terms
 
-    def _grasp_terms(
+    def grasp_terms(
         self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
     ) -> dict[str, Tensor]:
+        """The terms of the grasps of one scene at one stage; none without instances or contacts."""
         if len(queries) == 0 or len(sample.contacts) == 0:
             return {}
         if self.weights.every_instance:

@@ -15,6 +15,7 @@ from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import select_instances
 from icgnet.training.losses import seed_instances
 from icgnet.training.matching import MatchingCosts, match_queries
+from icgnet.training.reliability import reliability
 from icgnet.training.sample import Sample
 
 THRESHOLDS = np.linspace(0.05, 0.95, 19)
@@ -29,6 +30,7 @@ class Tally:
     labels: list[Bool[np.ndarray, "n"]] = field(default_factory=list)
     seen: list[Bool[np.ndarray, "n"]] = field(default_factory=list)
     top_1: list[float] = field(default_factory=list)
+    top_1_scores: list[float] = field(default_factory=list)
     top_50: list[float] = field(default_factory=list)
     width_errors: list[float] = field(default_factory=list)
     scene_overlap: list[tuple[int, int]] = field(default_factory=list)
@@ -61,8 +63,7 @@ def count_scene(tally: Tally, network: IcgNet, sample: Sample, costs: MatchingCo
     """Adds one scene to the tally."""
     embedding = network.encode([sample.input])[0]
     final = embedding.stages[-1]
-    seeds = seed_instances(embedding, sample) if network.config.seeded_masks else None
-    queries = match_queries(final.mask_logits, final.class_logits, sample.masks, sample.classes, costs, seeds)
+    queries = queries_of_instances(network, embedding, sample, costs)
     tally.instances += len(queries)
     tally.classes_right += (final.class_logits[queries, :-1].argmax(1) == sample.classes).tolist()
     found = select_instances(final)
@@ -70,6 +71,15 @@ def count_scene(tally: Tally, network: IcgNet, sample: Sample, costs: MatchingCo
     if len(queries):
         count_shapes(tally, network, embedding, sample, queries)
         count_grasps(tally, network, embedding, sample, queries)
+
+
+def queries_of_instances(
+    network: IcgNet, embedding: SceneEmbedding, sample: Sample, costs: MatchingCosts
+) -> Int[Tensor, "i"]:
+    """The query that stands for each of the sample's instances after the last stage."""
+    final = embedding.stages[-1]
+    seeds = seed_instances(embedding, sample) if network.config.seeded_masks else None
+    return match_queries(final.mask_logits, final.class_logits, sample.masks, sample.classes, costs, seeds)
 
 
 def count_masks(
@@ -120,9 +130,11 @@ def count_grasps(
     tally.scores.append(scores.flatten().float().cpu().numpy())
     tally.labels.append(labels.flatten().cpu().numpy())
     tally.seen.append(sample.contact_seen[:, None].expand_as(labels).flatten().cpu().numpy())
-    ranked = labels[sample.contact_seen].flatten()[scores[sample.contact_seen].flatten().argsort(descending=True)]
+    seen_scores, order = scores[sample.contact_seen].flatten().sort(descending=True)
+    ranked = labels[sample.contact_seen].flatten()[order]
     if len(ranked):
         tally.top_1.append(float(ranked[0]))
+        tally.top_1_scores.append(float(seen_scores[0]))
         tally.top_50.append(float(ranked[:50].float().mean()))
     graspable = labels.any(1)
     tally.width_errors += (answer.widths - sample.widths)[graspable].abs().tolist()
@@ -137,8 +149,10 @@ def summarise(tally: Tally) -> dict[str, float]:
         result["grasp_best_f1"], result["grasp_best_threshold"] = best_f1(scores, labels)
         result["grasp_average_precision"] = ranking_precision(scores, labels)
         result["grasp_seen_best_f1"], _ = best_f1(scores[seen], labels[seen])
+        result["grasp_ece"] = reliability(scores, labels).error
         result["grasp_positive_share"] = float(labels.mean())
     _add_mean(result, "grasp_top1_precision", tally.top_1)
+    _add_mean(result, "grasp_top1_score", tally.top_1_scores)
     _add_mean(result, "grasp_top50_precision", tally.top_50)
     if tally.width_errors:
         result["width_error_mm"] = 1000.0 * float(np.mean(tally.width_errors))

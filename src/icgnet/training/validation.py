@@ -25,6 +25,30 @@ def load_object_sets(sources: Sequence[str | Path]) -> dict[str, ObjectSet]:
     return {each.name: each for each in object_sets}
 
 
+def recipes_of_split(data: Sequence[Path], split: str) -> list[Recipe]:
+    """All recipes of a split in the folders.
+
+    Raises:
+        DataError: there are none, or a folder is not readable.
+    """
+    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder)) if recipe.split == split]
+    if not recipes:
+        raise DataError(f"no recipes of split {split!r} in {', '.join(map(str, data))}")
+    return recipes
+
+
+def set_threads(threads: int | None) -> None:
+    """Lets the whole process compute with so many CPU threads; with as many as torch takes if None.
+
+    Raises:
+        InputError: a number below 1.
+    """
+    if threads is not None:
+        if threads < 1:
+            raise InputError(f"threads must be at least 1, got {threads}")
+        torch.set_num_threads(threads)
+
+
 def validation_samples(
     network: str, sampling: Sampling, scenes: int, recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]
 ) -> list[Sample]:
@@ -65,15 +89,9 @@ def evaluate_weights(
         InputError: a number of threads below 1.
         DataError: unusable weights, no such recipes, or a missing object set.
     """
-    if threads is not None:
-        if threads < 1:
-            raise InputError(f"threads must be at least 1, got {threads}")
-        torch.set_num_threads(threads)
+    set_threads(threads)
     network, _ = load_weights(weights)
-    network.eval()
-    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder)) if recipe.split == split]
-    if not recipes:
-        raise DataError(f"no recipes of split {split!r} in {', '.join(map(str, data))}")
+    recipes = recipes_of_split(data, split)
     object_sets = load_object_sets(objects)
     cpu = TRAININGS["cpu"]
     kinds = sorted({recipe.kind for recipe in recipes})
