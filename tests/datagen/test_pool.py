@@ -74,10 +74,16 @@ def test_closing_a_pool_kills_workers_at_work():
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT], ids=lambda how: how.name)
 def test_workers_end_with_the_process_that_started_them(how):
     script = Path(datagen_jobs.__file__)
-    parent = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    parent = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        # What runs in the background of a shell script ignores SIGINT, and so do its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     assert parent.stdout is not None
     assert parent.stdout.readline() == b"begun\n"
     parent.send_signal(how)
     # The worker holds the other end of this pipe as long as it lives: a minute, if it is left alone.
-    parent.communicate(timeout=60)
+    parent.communicate(timeout=30)
     assert parent.returncode != 0
