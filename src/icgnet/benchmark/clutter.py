@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Planner
@@ -28,7 +29,6 @@ from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.predictor import DEFAULT_WEIGHTS
 
 CONFIG_FILE, ROUNDS_FILE, ATTEMPTS_FILE = "config.json", "rounds.jsonl", "attempts.jsonl"
-NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,8 @@ def _rate(successes: Sequence[int], totals: Sequence[int]) -> Rate:
     rates = [100.0 * s / t for s, t in zip(successes, totals, strict=True) if t]
     if not rates:
         return Rate(*[float("nan")] * 4)
-    n, p = sum(totals), sum(successes) / sum(totals)
-    middle = (p + NORMAL_95**2 / (2 * n)) / (1 + NORMAL_95**2 / n)
-    half = NORMAL_95 / (1 + NORMAL_95**2 / n) * np.sqrt(p * (1 - p) / n + (NORMAL_95 / (2 * n)) ** 2)
-    return Rate(float(np.mean(rates)), float(np.std(rates)), 100.0 * float(middle - half), 100.0 * float(middle + half))
+    interval = binomtest(sum(successes), sum(totals)).proportion_ci(0.95, method="wilson")
+    return Rate(float(np.mean(rates)), float(np.std(rates)), 100.0 * float(interval.low), 100.0 * float(interval.high))
 
 
 def run_clutter(

@@ -55,9 +55,17 @@ def measure_loader(
     if visits < 1:
         raise InputError(f"visits must be at least 1, got {visits}")
     torch.set_num_threads(1)
+    return time_visits(load_dataset(data, objects, config), visits)
+
+
+def load_dataset(data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig) -> RecipeDataset:
+    """The samples of a training run on all scenes of some folders.
+
+    Raises:
+        DataError: no usable recipes, or a missing object set.
+    """
     recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
-    dataset = RecipeDataset(recipes, load_object_sets(objects), config.sampling, NETWORKS[config.network], config.seed)
-    return time_visits(dataset, visits)
+    return RecipeDataset(recipes, load_object_sets(objects), config.sampling, NETWORKS[config.network], config.seed)
 
 
 def time_visits(dataset: RecipeDataset, visits: int) -> LoaderNumbers:

@@ -16,20 +16,16 @@ import torch
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode, sdpa_backward_flop_count, sdpa_flop_count
 
-from icgnet.benchmark.loader import LoaderNumbers, time_visits
-from icgnet.datagen.recipe import read_recipes
+from icgnet.benchmark.loader import LoaderNumbers, load_dataset, time_visits
 from icgnet.errors import InputError
-from icgnet.network.config import NETWORKS
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.training.config import TrainingConfig
-from icgnet.training.dataset import RecipeDataset
 from icgnet.training.loop import Trainer
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
 from icgnet.training.processes import join_processes
 from icgnet.training.sample import Sample
-from icgnet.training.validation import load_object_sets
 
 WAITING, SURFACE, DENSE, QUERIES = "waiting for the loader", "surface U-Net", "dense U-Net", "tokens and refinement"
 SEGMENTATION, OCCUPANCY, GRASPS, REST = "segmentation loss", "occupancy loss", "grasp loss", "rest of the forward"
@@ -209,8 +205,7 @@ def measure_training(
     if config.threads < 1:
         raise InputError(f"threads must be at least 1, got {config.threads}")
     config = replace(config, workers=max(1, config.workers))
-    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
-    dataset = RecipeDataset(recipes, load_object_sets(objects), config.sampling, NETWORKS[config.network], config.seed)
+    dataset = load_dataset(data, objects, config)
     torch.set_num_threads(1)
     loader = time_visits(dataset, steps * config.batch)
     torch.set_num_threads(config.threads)
