@@ -3,7 +3,8 @@ from dataclasses import replace
 import torch
 
 from icgnet.network.config import NETWORKS
-from icgnet.network.dense_unet import DenseUNet, GridConv, _double
+from icgnet.network.dense_map import DenseMap
+from icgnet.network.dense_unet import CoarseVolume, DenseUNet, GridConv, _double
 
 
 def network() -> DenseUNet:
@@ -39,3 +40,16 @@ def test_convolution_without_gradients_gives_the_same():
     with torch.no_grad():
         fast = layer(grid)
     torch.testing.assert_close(fast, layer(grid), rtol=1e-4, atol=1e-5)
+
+
+def test_the_finest_map_has_the_coarser_ones_beside_it_where_they_belong():
+    torch.manual_seed(0)
+    merge = CoarseVolume((3, 2, 4), 5)
+    maps = (DenseMap(torch.randn(2, 2, 2, 3), 0.04), DenseMap(torch.randn(3, 3, 3, 2), 0.02))
+    finest = DenseMap(torch.randn(5, 5, 5, 4), 0.01)
+    *coarser, joined = merge((*maps, finest))
+    assert tuple(coarser) == maps
+    assert torch.equal(joined.features[..., :4], finest.features)
+    points = torch.rand(30, 3) * 0.05
+    wanted = sum(project(level.nearest(points)) for project, level in zip(merge.project, maps, strict=True))
+    torch.testing.assert_close(joined.nearest(points)[:, 4:], wanted)

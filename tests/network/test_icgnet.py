@@ -100,6 +100,16 @@ def test_a_batch_of_two_scenes_gives_what_each_gives_alone():
 
 
 @torch.no_grad()
+def test_chosen_pairs_of_points_and_instances_get_what_all_pairs_get():
+    net = network()
+    (embedding,) = net.encode([two_spheres(net.config)[0]])
+    points, queries = torch.rand(20, 3) * 0.3, torch.tensor([2, 0, 5])
+    instances = torch.randint(0, 3, (20, 2))
+    chosen = net.decode_occupancy_pairs(embedding, queries, points, instances)
+    torch.testing.assert_close(chosen, net.decode_occupancy(embedding, queries, points).t().gather(1, instances))
+
+
+@torch.no_grad()
 def test_an_embedding_can_be_decoded_after_another_scene_was_encoded():
     net = network()
     first, second = (two_spheres(net.config, seed)[0] for seed in (0, 1))

@@ -64,6 +64,9 @@ def test_voxels_of_an_instance_lie_on_its_occupied_space(make_dataset, sampling)
         assert (voxels > inside.min(0) - 0.006).all()
         assert (voxels < inside.max(0) + 0.006).all()
     assert (sample.occupancy.sum(0) <= 1).all()
+    nearest = sample.occupancy.float().argmax(0)
+    inside = sample.occupancy.any(0)
+    assert torch.equal(nearest[inside], sample.occupancy_nearest[inside])
 
 
 def test_labels_turn_with_the_scene(make_dataset):

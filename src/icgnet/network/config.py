@@ -82,6 +82,9 @@ class NetworkConfig:
     classes: int = 7
     """Real classes; the class head has one more logit, the last, for no object."""
 
+    coarse_volume: int = 32
+    """Channels in which the decoders also see the coarser dense maps at a point; 0 for the finest map alone
+    (published)."""
     neighbours: int = 6
     view_depth: bool = True
     """Whether features at a point know how far behind its neighbours it lies, along the lines of sight to these."""
@@ -161,6 +164,7 @@ NETWORKS = {
         seeded_masks=False,
         seeded_content=False,
         class_of_mask=False,
+        coarse_volume=0,
         decoder_stages="all",
         affordance="contact",
     ),
@@ -171,6 +175,7 @@ NETWORKS = {
         encoder_widths=(4, 8, 8, 8),
         decoder_widths=(8, 8, 8, 8),
         dense_widths=(4, 4, 8, 8),
+        coarse_volume=4,
         queries=8,
         query_width=8,
         heads=2,

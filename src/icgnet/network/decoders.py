@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from icgnet.network.config import NetworkConfig
@@ -36,12 +36,19 @@ class ConditionedDecoder(nn.Module):
         self.blocks = nn.ModuleList(ResidualBlock(width, width) for _ in range(config.decoder_blocks))
         self.end = nn.Linear(width, outputs)
 
-    def forward(self, features: Float[Tensor, "*p f"], latent: Float[Tensor, "*l c"]) -> Float[Tensor, "*p o"]:
-        """Outputs at points; `latent` broadcasts against the points (`[i 1 c]` for `[i n f]`)."""
-        scale = latent[..., -1:].expand(*features.shape[:-1], 1)
+    def forward(
+        self, features: Float[Tensor, "*p f"], latent: Float[Tensor, "*l c"], rows: Int[Tensor, "*p"] | None = None
+    ) -> Float[Tensor, "*p o"]:
+        """Outputs at points; `latent` broadcasts against the points (`[i 1 c]` for `[i n f]`).
+
+        With `rows` the latent `[i c]` is taken row by row, after the layers that read nothing else.
+        """
+        scale = latent[..., -1:] if rows is None else latent[rows, -1:]
+        scale = scale.expand(*features.shape[:-1], 1)
         hidden = self.start(torch.cat([features, scale], -1))
         for condition, block in zip(self.conditions, self.blocks, strict=True):
-            hidden = block(hidden + condition(latent))
+            told = condition(latent)
+            hidden = block(hidden + (told if rows is None else told[rows]))
         return self.end(torch.relu(hidden))
 
 

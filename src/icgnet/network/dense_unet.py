@@ -82,6 +82,36 @@ class DenseUNet(nn.Module):
         )
 
 
+class CoarseVolume(nn.Module):
+    """Puts what the coarser maps say beside the finest map, for the decoders.
+
+    Differs from the paper, whose decoders read one map: the finest has few channels, and what is far away tells the
+    hidden side of an object.
+    """
+
+    def __init__(self, widths: tuple[int, ...], channels: int) -> None:
+        """`widths` are those of the maps, coarse to fine."""
+        super().__init__()
+        self.project = nn.ModuleList(nn.Linear(width, channels) for width in widths[:-1])
+
+    def forward(self, maps: tuple[DenseMap, ...]) -> tuple[DenseMap, ...]:
+        """The maps of a scene, coarse to fine, the finest with more channels."""
+        *coarser, finest = maps
+        context = [
+            _repeat(project(level.features), round(level.pitch / finest.pitch), finest.features)
+            for project, level in zip(self.project, coarser, strict=True)
+        ]
+        total = torch.stack(context).sum(0)
+        return (*coarser, DenseMap(torch.cat([finest.features, total], 3), finest.pitch))
+
+
+def _repeat(features: Float[Tensor, "x y z c"], factor: int, like: Tensor) -> Tensor:
+    """Every cell repeated along each axis, cut to the size of `like`."""
+    (x, y, z, channels), (size_x, size_y, size_z) = features.shape, like.shape[:3]
+    apart = features[:, None, :, None, :, None].expand(x, factor, y, factor, z, factor, channels)
+    return apart.reshape(x * factor, y * factor, z * factor, channels)[:size_x, :size_y, :size_z]
+
+
 def _double(features: Tensor, like: Tensor) -> Tensor:
     """Every cell repeated twice along each axis, cut to the size of `like`."""
     doubled = nn.functional.interpolate(features, scale_factor=2, mode="nearest")

@@ -17,7 +17,7 @@ from icgnet.network.config import HandConfig, NetworkConfig
 from icgnet.network.decoders import Affordance
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.embedding import SceneEmbedding
-from icgnet.network.tokens import dense_map_widths, token_widths
+from icgnet.network.tokens import decoder_map_widths, token_widths
 
 _CLEARANCE_UNIT = 0.02
 _POSITIVE_PRIOR = -2.0
@@ -67,7 +67,7 @@ class HandDecoder(nn.Module):
         read = hand.map_channels + self.input_channels
         self.register_buffer("points", control_points(hand), persistent=False)
         self.points: Tensor
-        self.project = nn.Linear(dense_map_widths(config)[-1], hand.map_channels)
+        self.project = nn.Linear(decoder_map_widths(config)[-1], hand.map_channels)
         self.context = nn.ModuleList(nn.Linear(token_widths(config)[level], query) for level in _CONTEXT_LEVELS)
         contact_inputs = (query + 3) + query + 3 + query * len(_CONTEXT_LEVELS)
         self.contact = nn.Sequential(

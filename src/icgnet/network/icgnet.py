@@ -12,7 +12,7 @@ from icgnet.errors import InputError
 from icgnet.network.config import NetworkConfig
 from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, centred_on_queries
 from icgnet.network.dense_map import DenseMap
-from icgnet.network.dense_unet import DenseUNet
+from icgnet.network.dense_unet import CoarseVolume, DenseUNet
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.hand_decoder import HandDecoder
 from icgnet.network.inputs import SceneInput, surface_features
@@ -20,7 +20,7 @@ from icgnet.network.interpolation import Interpolation, NeighbourPooling, featur
 from icgnet.network.positional import FourierEncoding, scene_bounds
 from icgnet.network.refinement import QueryRefinement, StageOutput
 from icgnet.network.sparse_unet import SparseUNet, VoxelPyramid
-from icgnet.network.tokens import Tokens, aggregate
+from icgnet.network.tokens import Tokens, aggregate, dense_map_widths
 
 
 class IcgNet(nn.Module):
@@ -36,6 +36,8 @@ class IcgNet(nn.Module):
         self.dense = DenseUNet(config)
         self.encoding = FourierEncoding(config)
         self.refinement = QueryRefinement(config)
+        channels = config.coarse_volume
+        self.coarse_volume = CoarseVolume(dense_map_widths(config), channels) if channels else nn.Identity()
         self.pooling = NeighbourPooling(config)
         self.occupancy_features = Interpolation(config)
         self.affordance_features = Interpolation(config)
@@ -72,7 +74,7 @@ class IcgNet(nn.Module):
             positions=scene.positions,
             bounds=bounds,
             tokens=levels,
-            dense_maps=maps,
+            dense_maps=self.coarse_volume(maps),
             dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), self.config.dense_pitch),
             query_positions=query_positions,
             stages=stages,
@@ -92,13 +94,33 @@ class IcgNet(nn.Module):
         Raises:
             InputError: for a stage that the configuration does not decode.
         """
-        stage, _ = self._stage(embedding, stage)
-        level = feature_level(stage)
         with _full_precision(points):
-            features = self.occupancy_features(points, embedding, level, self.pooling, self.encoding)
-            centres = embedding.bounds.normalise(embedding.query_positions[queries])
-            latent = self._latent(embedding, queries, embedding.stages[stage].queries)
+            features, centres, latent = self._occupancy_inputs(embedding, queries, points, stage)
             return self.occupancy(centred_on_queries(features, centres), latent[:, None])[..., 0]
+
+    def decode_occupancy_pairs(
+        self,
+        embedding: SceneEmbedding,
+        queries: Int[Tensor, " i"],
+        points: Float[Tensor, "n 3"],
+        instances: Int[Tensor, "n k"],
+        stage: int = -1,
+    ) -> Float[Tensor, "n k"]:
+        """As `decode_occupancy`, for `k` instances of each point alone; `instances` are rows of `queries`."""
+        with _full_precision(points):
+            features, centres, latent = self._occupancy_inputs(embedding, queries, points, stage)
+            offsets = features[:, None, :3] - centres[instances]
+            others = features[:, None, 3:].expand(-1, instances.shape[1], -1)
+            return self.occupancy(torch.cat([offsets, others], 2), latent, instances)[..., 0]
+
+    def _occupancy_inputs(
+        self, embedding: SceneEmbedding, queries: Int[Tensor, " i"], points: Float[Tensor, "n 3"], stage: int
+    ) -> tuple[Float[Tensor, "n f"], Float[Tensor, "i 3"], Float[Tensor, "i c"]]:
+        """Features at the points, normalised positions of the queries, and what the decoder is told of these."""
+        stage, _ = self._stage(embedding, stage)
+        features = self.occupancy_features(points, embedding, feature_level(stage), self.pooling, self.encoding)
+        centres = embedding.bounds.normalise(embedding.query_positions[queries])
+        return features, centres, self._latent(embedding, queries, embedding.stages[stage].queries)
 
     def decode_affordance(
         self,

@@ -8,7 +8,7 @@ from icgnet.network.config import NetworkConfig
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.layers import ResidualBlock
 from icgnet.network.positional import FourierEncoding
-from icgnet.network.tokens import Tokens, dense_map_widths, token_widths
+from icgnet.network.tokens import Tokens, decoder_map_widths, token_widths
 
 
 class NeighbourPooling(nn.Module):
@@ -51,7 +51,7 @@ class Interpolation(nn.Module):
         width = config.query_width
         self.first_level = min(feature_level(stage) for stage in config.decoded_stages)
         levels = slice(self.first_level, None)
-        self.dense = nn.ModuleList(ResidualBlock(channels, width) for channels in dense_map_widths(config)[levels])
+        self.dense = nn.ModuleList(ResidualBlock(channels, width) for channels in decoder_map_widths(config)[levels])
         self.sparse = nn.ModuleList(ResidualBlock(channels, width) for channels in token_widths(config)[levels])
         self.merge = ResidualBlock(2 * width, width - 3)
 

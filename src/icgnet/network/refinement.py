@@ -17,6 +17,8 @@ BALL_OFFSET, BALL_SIZE = 0.05, 0.03
 """Units of a seeded mask's offset and size [m]: about the size of the objects."""
 EXTENTS, EXTENT_UNIT = 5, 0.05
 """Numbers that tell the class head how large a mask is, and their unit [m]."""
+CLASS_LEVELS = (0, 1)
+"""Levels of the coarse tokens that the class head reads: 24 and 12 mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +45,29 @@ def attention_blocks(mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshol
 
 @dataclass(frozen=True, eq=False)
 class MaskScene:
-    """What all mask predictions of a scene share."""
+    """What all predictions of a scene share: they differ by the queries alone."""
 
     features: Float[Tensor, "v c"]
     """Projected features of the finest tokens."""
-    positions: Float[Tensor, "v 3"]
-    """Of the finest tokens [m, workspace frame]."""
+    moments: Float[Tensor, "v m"]
+    """Positions and their products, see `position_moments`; sums of them under a mask tell its place and extent."""
     seeds: Float[Tensor, "q 3"]
     """Where the queries were seeded [m, workspace frame]."""
+    described: Float[Tensor, "v d"] | None
+    """What the class head averages under a mask: features of the finest tokens, and projected ones of the coarse
+    tokens around; None for a class that is read from the query alone."""
+
+
+MOMENT_ORIGIN = (0.15, 0.15, TABLE_HEIGHT)
+"""Where moments are taken about [m, workspace frame]: the middle of the table, for the precision of their squares."""
+
+
+def position_moments(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "v 11"]:
+    """1, position, its products xx, xy, xz, yy, yz, zz [m, m^2; about `MOMENT_ORIGIN`], and the 8th power of height."""
+    centred = positions - positions.new_tensor(MOMENT_ORIGIN)
+    x, y, z = centred.unbind(1)
+    ones, eighth = torch.ones_like(x), (z / EXTENT_UNIT).clamp(min=0).pow(8)
+    return torch.stack([ones, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z, eighth], 1)
 
 
 class MaskHead(nn.Module):
@@ -72,12 +89,10 @@ class MaskHead(nn.Module):
             nn.init.zeros_(self.ball.weight)
             nn.init.zeros_(self.ball.bias)
 
-    def prepare(self, tokens: Tokens, places: Float[Tensor, "v c"], seeds: Float[Tensor, "q 3"]) -> MaskScene:
-        """What the stages share, from the finest tokens and their positional encoding."""
+    def project_tokens(self, tokens: Tokens, places: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
+        """What the queries' embeddings are multiplied with, from the finest tokens and their positional encoding."""
         features = self.project(tokens.features)
-        if self.place is not None:
-            features = features + self.place(places)
-        return MaskScene(features, tokens.positions, seeds)
+        return features if self.place is None else features + self.place(places)
 
     def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
         """Logits of the masks of the queries."""
@@ -87,23 +102,26 @@ class MaskHead(nn.Module):
 
 
 def ball_logits(balls: Float[Tensor, "q 4"], scene: MaskScene) -> Float[Tensor, "v q"]:
-    """Logits that fall from 1 at a centre through 0 at the ball's radius.
+    """Logits that fall from 1 at a centre through 0 at the ball's radius: `1 - |p - c|^2 / (2 s^2)`.
 
     Args:
         balls: offset of the centre from the seed in units of 5 cm, and logarithm of the size in units of 3 cm.
         scene: positions of voxels and seeds.
     """
-    centres = scene.seeds + BALL_OFFSET * balls[:, :3]
-    sizes = BALL_SIZE * balls[:, 3].clamp(-1.5, 1.5).exp()
-    distances = (scene.positions[:, None] - centres).square().sum(2)
-    return 1.0 - 0.5 * distances / sizes.square()
+    centres = scene.seeds - scene.seeds.new_tensor(MOMENT_ORIGIN) + BALL_OFFSET * balls[:, :3]
+    precision = (BALL_SIZE * balls[:, 3:].clamp(-1.5, 1.5).exp()) ** -2
+    # |p - c|^2 = |c|^2 - 2 c p + |p|^2: one product of the moments up to the squares xx, yy and zz.
+    square = centres.square().sum(1, keepdim=True)
+    none, one = torch.zeros_like(square), torch.ones_like(square)
+    factors = torch.cat([square, -2.0 * centres, one, none, none, one, none, one], 1)
+    return 1.0 - scene.moments[:, :10] @ (0.5 * precision * factors).t()
 
 
 class ClassHead(nn.Module):
     """Class logits of the queries.
 
-    Differs with `class_of_mask`: beside the query it reads the mean features of the voxels in its mask, and how large
-    they are together; gradients do not flow into the mask.
+    Differs with `class_of_mask`: beside the query it reads the mean features of the voxels in its mask, fine ones and
+    those of the coarse tokens around, and how large they are together; gradients do not flow into the mask.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -112,46 +130,56 @@ class ClassHead(nn.Module):
         self.of_query = nn.Sequential(ResidualBlock(width, width), nn.Linear(width, config.classes + 1))
         self.of_mask = None
         if config.class_of_mask:
-            inputs = width + token_widths(config)[-1] + EXTENTS
+            coarse, fine = token_widths(config)[: len(CLASS_LEVELS)], token_widths(config)[-1]
+            self.around = nn.ModuleList(nn.Linear(inputs, width, bias=False) for inputs in coarse)
+            inputs = width + fine + EXTENTS + width * len(coarse)
             self.of_mask = nn.Sequential(nn.Linear(inputs, 2 * width), nn.ReLU(), nn.Linear(2 * width, 2 * width))
             last = nn.Linear(2 * width, config.classes + 1)
             nn.init.zeros_(last.weight)
             nn.init.zeros_(last.bias)
             self.end = nn.Sequential(nn.ReLU(), last)
 
-    def forward(
-        self, queries: Float[Tensor, "q c"], mask_logits: Float[Tensor, "v q"], tokens: Tokens
-    ) -> Float[Tensor, "q k"]:
-        """Logits of the classes, the last one for "no object".
+    def describe(self, levels: tuple[Tokens, ...]) -> Float[Tensor, "v d"] | None:
+        """Features of every voxel, fine and of the tokens around, from all tokens of a scene, coarse to fine."""
+        if self.of_mask is None:
+            return None
+        around = [
+            project(levels[index].features).index_select(0, levels[index].of_voxel)
+            for index, project in zip(CLASS_LEVELS, self.around, strict=True)
+        ]
+        return torch.cat([levels[-1].features, *around], 1)
 
-        Args:
-            queries: of the scene.
-            mask_logits: of the queries over the finest tokens.
-            tokens: the finest ones.
-        """
+    def forward(
+        self, queries: Float[Tensor, "q c"], mask_logits: Float[Tensor, "v q"], scene: MaskScene
+    ) -> Float[Tensor, "q k"]:
+        """Logits of the classes, the last one for "no object"; the masks are those of the queries in the scene."""
         logits = self.of_query(queries)
         if self.of_mask is None:
             return logits
+        assert scene.described is not None
         shares = mask_logits.detach().float().sigmoid().t()
         shares = shares / shares.sum(1, keepdim=True).clamp(min=1e-6)
-        features = torch.cat([queries, shares @ tokens.features, extents(shares, tokens.positions)], 1)
-        return logits + self.end(self.of_mask(features))
+        features = shares @ scene.described
+        fine = features.shape[1] - len(self.around) * queries.shape[1]
+        parts = [queries, features[:, :fine], extents(shares @ scene.moments), features[:, fine:]]
+        return logits + self.end(self.of_mask(torch.cat(parts, 1)))
 
 
-def extents(shares: Float[Tensor, "q v"], positions: Float[Tensor, "v 3"]) -> Float[Tensor, "q e"]:
+def extents(moments: Float[Tensor, "q 11"]) -> Float[Tensor, "q e"]:
     """Size and height of weighted points, whatever their turn about the vertical, in units of 5 cm.
 
     Standard deviations (longer horizontal, shorter horizontal, vertical), mean height above the table, and nearly the
     largest height (the mean of eighth powers).
+
+    Args:
+        moments: weighted means of `position_moments`.
     """
-    means = shares @ positions
-    second = torch.einsum("qv,vi,vj->qij", shares, positions, positions) - means[:, :, None] * means[:, None]
-    trace, half = second[:, 0, 0] + second[:, 1, 1], 0.5 * (second[:, 0, 0] - second[:, 1, 1])
-    root = (half.square() + second[:, 0, 1].square()).clamp(min=0).sqrt()
-    spread = torch.stack([0.5 * trace + root, 0.5 * trace - root, second[:, 2, 2]], 1).clamp(min=0.0).sqrt()
-    heights = positions[:, 2] - TABLE_HEIGHT
-    powers = (shares @ heights.clamp(min=0).pow(8)).pow(1 / 8)
-    return torch.cat([spread, means[:, 2:] - TABLE_HEIGHT, powers[:, None]], 1) / EXTENT_UNIT
+    _, x, y, z, xx, xy, _, yy, _, zz, eighth = moments.unbind(1)
+    xx, xy, yy, zz = xx - x * x, xy - x * y, yy - y * y, zz - z * z
+    trace, half = xx + yy, 0.5 * (xx - yy)
+    root = (half.square() + xy.square()).clamp(min=0).sqrt()
+    spread = torch.stack([0.5 * trace + root, 0.5 * trace - root, zz], 1).clamp(min=0.0).sqrt()
+    return torch.cat([spread / EXTENT_UNIT, z[:, None] / EXTENT_UNIT, eighth.clamp(min=0).pow(1 / 8)[:, None]], 1)
 
 
 class RefinementStage(nn.Module):
@@ -237,11 +265,16 @@ class QueryRefinement(nn.Module):
         seeds = farthest_points(finest.positions, self.config.queries)
         positions = finest.positions[seeds]
         encoded = encoding(positions, bounds)
-        scene = self.mask_head.prepare(finest, encoding(finest.positions, bounds), positions)
+        scene = MaskScene(
+            features=self.mask_head.project_tokens(finest, encoding(finest.positions, bounds)),
+            moments=position_moments(finest.positions),
+            seeds=positions,
+            described=self.class_head.describe(levels),
+        )
         queries = self.content
         if self.content_of_seed is not None:
             queries = queries + self.content_of_seed(finest.features[seeds])
-        outputs = [self._predict(0, queries, encoded, scene, finest)]
+        outputs = [self._predict(0, queries, encoded, scene)]
         for index, (stage, tokens) in enumerate(zip(self.stages, levels, strict=True)):
             blocked = attention_blocks(outputs[-1].mask_logits, tokens, self.config.attention_threshold)
             features, places = tokens.features, encoding(tokens.positions, bounds)
@@ -251,12 +284,12 @@ class QueryRefinement(nn.Module):
                 features, places, blocked = features[kept], places[kept], blocked[:, kept]
                 blocked = blocked & ~blocked.all(1, keepdim=True)
             queries = stage(queries, encoded, features, places, blocked)
-            outputs.append(self._predict(index + 1, queries, encoded, scene, finest))
+            outputs.append(self._predict(index + 1, queries, encoded, scene))
         return positions, tuple(outputs)
 
-    def _predict(self, index: int, queries: Tensor, encoded: Tensor, scene: MaskScene, finest: Tokens) -> StageOutput:
+    def _predict(self, index: int, queries: Tensor, encoded: Tensor, scene: MaskScene) -> StageOutput:
         mask_logits = self.mask_head(queries, scene)
-        class_logits = self.class_head(queries, mask_logits, finest)
+        class_logits = self.class_head(queries, mask_logits, scene)
         decoded = index in self.config.decoded_stages
         return StageOutput(
             queries=queries,

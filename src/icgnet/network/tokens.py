@@ -61,6 +61,12 @@ def dense_map_widths(config: NetworkConfig) -> tuple[int, ...]:
     return (third, third, second, first)
 
 
+def decoder_map_widths(config: NetworkConfig) -> tuple[int, ...]:
+    """Channels of the dense maps that the decoders read, coarse to fine: the finest has the coarser ones beside it."""
+    *coarser, finest = dense_map_widths(config)
+    return (*coarser, finest + config.coarse_volume)
+
+
 def aggregate(
     pyramid: VoxelPyramid,
     positions: Float[Tensor, "v 3"],

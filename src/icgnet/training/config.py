@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from icgnet.errors import DataError, InputError
 from icgnet.network.config import NETWORKS
@@ -102,10 +102,11 @@ class TrainingConfig:
         steps: optimiser steps of the run.
         minutes: training time of the run, summed over its legs [min].
         batch: scenes per optimiser step, in each process that trains.
+        optimizer: "muon", or "adamw" (published).
         learning_rate: after the warm-up.
         final_learning_rate: at the end of the cosine, as a fraction of `learning_rate`.
         warmup_steps: steps in which the learning rate rises from 0.
-        weight_decay: of AdamW.
+        weight_decay: of the optimiser, apart from the gradient.
         gradient_clip: largest norm of the gradient; 0 means no limit.
         average_decay: of the exponential moving average of the weights, which is validated and shipped.
         bfloat16: compute the forward pass of the U-Nets in 16 bits; pays on processors and cards that can.
@@ -125,6 +126,7 @@ class TrainingConfig:
     steps: int | None = None
     minutes: float | None = 90.0
     batch: int = 2
+    optimizer: Literal["muon", "adamw"] = "muon"
     learning_rate: float = 1e-3
     final_learning_rate: float = 0.01
     warmup_steps: int = 200
@@ -186,6 +188,7 @@ TRAININGS = {
         steps=101250,
         minutes=None,
         batch=8,
+        optimizer="adamw",
         warmup_steps=800,
         gradient_clip=0.0,
         average_decay=0.999,

@@ -96,13 +96,15 @@ class RecipeDataset(Dataset):
             return None
         world_points = occupancy_points(placements, self.sampling, T_work_world, rng)
         work_points = transform_points(T_work_world, world_points)
+        distances = np.stack([each.distance(world_points) for each in instances])
         contacts = _draw_contacts(recipe, instance_of_object, T_work_world, points, viewpoint, self.sampling, rng)
         return Sample(
             input=scene_input,
             voxel_instances=torch.from_numpy(voxel_instances),
             classes=torch.tensor([each.assets.class_index for each in instances]),
             occupancy_points=_tensor(work_points),
-            occupancy=torch.from_numpy(np.stack([each.contains(world_points) for each in instances])),
+            occupancy=torch.from_numpy(distances < 0),
+            occupancy_nearest=torch.from_numpy(distances.argmin(0)),
             contacts=_tensor(contacts.positions),
             normals=_tensor(contacts.normals),
             contact_instances=torch.from_numpy(contacts.instances),

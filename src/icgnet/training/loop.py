@@ -34,6 +34,7 @@ from icgnet.training.log import Clock, TrainingLog
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import evaluate, selection_score
+from icgnet.training.muon import Muon
 from icgnet.training.processes import Accelerator, agreed, check_same, join_processes
 from icgnet.training.sample import Sample
 from icgnet.training.schedule import learning_rate_factor
@@ -148,9 +149,7 @@ class Trainer:
         if fabric.world_size > 1:
             synchronise_statistics(self.network)
         self.average = WeightAverage(self.network, config.average_decay)
-        optimizer = torch.optim.AdamW(
-            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
-        )
+        optimizer = make_optimizer(self.network, config)
         self.progress = self._resume(optimizer)
         self._skipped_in_a_row = 0
         module = make_loss(self.network, config.loss, config.matching, config.bfloat16)
@@ -309,6 +308,21 @@ class Trainer:
         with (self.out / METRICS_FILE).open("a") as file:
             file.write(json.dumps({key: _rounded(value) for key, value in line.items()}) + "\n")
         self.report(" ".join(f"{key} {_rounded(value)}" for key, value in line.items()))
+
+
+def make_optimizer(network: IcgNet, config: TrainingConfig) -> torch.optim.Optimizer:
+    """The optimiser of a run over all parameters of a network.
+
+    Muon takes matrices and kernels; vectors and the queries' learnt content, of which each row is its own, stay with
+    Adam.
+    """
+    parameters = list(network.parameters())
+    if config.optimizer == "adamw":
+        return torch.optim.AdamW(parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=True)
+    content = network.refinement.content
+    matrices = [each for each in parameters if each.ndim > 1 and each is not content]
+    others = [each for each in parameters if each.ndim < 2 or each is content]
+    return Muon(matrices, others, config.learning_rate, config.weight_decay)
 
 
 def _silence(line: str) -> None:

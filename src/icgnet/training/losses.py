@@ -40,7 +40,8 @@ class LossWeights:
         scene_grasp: as `grasp`, for the maximum over instances.
         no_object: weight in the class term of queries that shall say "no object".
         seeded: every query learns the object that it was seeded on, instead of one query per object.
-        every_instance: decode each contact with every instance (published) instead of its own only.
+        every_instance: decode each contact and point with every instance (published), instead of contacts with
+            their own and points with the nearest and another one.
         divide_by_terms: divide the sum by the number of terms (published), instead of averaging over stages.
     """
 
@@ -122,6 +123,8 @@ class TrainingLoss(nn.Module):
         """The terms of the shapes of one scene at one stage; none without instances or points."""
         if len(queries) == 0 or len(sample.occupancy_points) == 0:
             return {}
+        if not self.weights.every_instance:
+            return self._nearest_occupancy_terms(embedding, sample, queries, stage)
         logits = self.network.decode_occupancy(embedding, queries, sample.occupancy_points, stage)
         terms = {"occupancy": bce(logits, sample.occupancy)}
         if self.weights.divide_by_terms:
@@ -130,6 +133,18 @@ class TrainingLoss(nn.Module):
         if self.weights.scene_occupancy:
             terms["scene_occupancy"] = bce(logits.amax(0), sample.occupancy.any(0))
         return terms
+
+    def _nearest_occupancy_terms(
+        self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
+    ) -> dict[str, Tensor]:
+        """Each point is asked of the instance that is nearest and, where there are more, of another one by lot."""
+        count = len(queries)
+        instances = sample.occupancy_nearest[:, None]
+        if count > 1:
+            step = torch.randint(1, count, instances.shape, device=instances.device)
+            instances = torch.cat([instances, (instances + step) % count], 1)
+        logits = self.network.decode_occupancy_pairs(embedding, queries, sample.occupancy_points, instances, stage)
+        return {"occupancy": bce(logits, sample.occupancy.t().gather(1, instances))}
 
     def grasp_terms(
         self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError
@@ -44,10 +44,10 @@ class Placement:
         """Points of the object at scale 1 in the world [m]."""
         return transform_points(self.T_world_object, points * self.scale)
 
-    def contains(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-        """Which points [m, world frame] lie inside the object."""
+    def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Signed distance of points [m, world frame] from the object's surface [m], below 0 inside."""
         local = (points - self.T_world_object[:3, 3]) @ self.T_world_object[:3, :3]
-        return self.assets.distance.distance(local / self.scale) < 0
+        return self.scale * self.assets.distance.distance(local / self.scale)
 
 
 def load_assets(recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]) -> dict[tuple[str, str], ObjectAssets]:
