@@ -137,7 +137,7 @@ class TrainingConfig:
     threads: int = 1
     workers: int = 1
     log_seconds: float = 20.0
-    validation_minutes: float = 6.0
+    validation_minutes: float = 15.0
     validation_scenes: int = 48
     checkpoint_minutes: float = 3.0
 
