@@ -41,6 +41,8 @@ def test_submanifold_convolution_equals_dense_convolution(monkeypatch, kernel, d
     expected_gradients = torch.autograd.grad(expected, (features, layer.weight), upstream)
     for gradient, expected_gradient in zip(gradients, expected_gradients, strict=True):
         torch.testing.assert_close(gradient, expected_gradient)
+    (alone,) = torch.autograd.grad(layer(features.detach(), VoxelLevel(batch_of(*scenes))), layer.weight, upstream)
+    torch.testing.assert_close(alone, expected_gradients[1])
 
 
 def test_down_convolution_equals_dense_strided_convolution():

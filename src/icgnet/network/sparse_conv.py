@@ -102,24 +102,27 @@ class _SubmanifoldProduct(torch.autograd.Function):
     """Gather and multiply.
 
     The neighbour relation is symmetric, so the backward pass is a gather too: the gradient gathered with the same table
-    serves the input's gradient (flipped kernel) and the weight's, without a scatter.
+    serves the input's gradient (flipped kernel) and the weight's, without a scatter. Where the input needs no gradient
+    (the first layer, whose kernel is the largest) what was gathered from it is kept and serves the weight's.
     """
 
     @staticmethod
     def forward(ctx: Any, features: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
-        ctx.save_for_backward(features, weight, neighbours)
-        return _gather(features, neighbours) @ weight.reshape(-1, weight.shape[2])
+        gathered = _gather(features, neighbours)
+        ctx.of_input = ctx.needs_input_grad[0]
+        ctx.save_for_backward(features if ctx.of_input else gathered, weight, neighbours)
+        return gathered @ weight.reshape(-1, weight.shape[2])
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor, None]:
-        features, weight, neighbours = ctx.saved_tensors
+        saved, weight, neighbours = ctx.saved_tensors
         volume, inputs, outputs = weight.shape
+        if not ctx.of_input:
+            return None, (saved.t() @ gradient).view(volume, inputs, outputs), None
         gathered = _gather(gradient.contiguous(), neighbours)
-        of_features = None
-        if ctx.needs_input_grad[0]:
-            of_features = gathered @ weight.flip(0).transpose(1, 2).reshape(-1, inputs)
-        of_weight = (features.t() @ gathered).view(inputs, volume, outputs).transpose(0, 1).flip(0)
+        of_features = gathered @ weight.flip(0).transpose(1, 2).reshape(-1, inputs)
+        of_weight = (saved.t() @ gathered).view(inputs, volume, outputs).transpose(0, 1).flip(0)
         return of_features, of_weight, None
 
 
