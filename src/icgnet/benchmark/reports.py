@@ -11,7 +11,16 @@ from icgnet.benchmark.record import REPORT_FILE
 from icgnet.benchmark.statistics import Spread
 from icgnet.errors import DataError, InputError
 
-KINDS = ("clutter", "reconstruction", "segmentation", "latency", "simulation", "loader", "training-speed")
+KINDS = (
+    "clutter",
+    "reconstruction",
+    "segmentation",
+    "latency",
+    "simulation",
+    "loader",
+    "label-ceiling",
+    "training-speed",
+)
 """What a report can be of."""
 
 

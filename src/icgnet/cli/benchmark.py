@@ -10,6 +10,7 @@ from rich.table import Table
 
 from icgnet.benchmark.record import write_report
 from icgnet.cli.benchmark_clutter import Clutter
+from icgnet.cli.benchmark_labels import LabelCeilings
 from icgnet.cli.benchmark_network import Latency, Reconstruction, Segmentation
 from icgnet.cli.benchmark_report import Report
 from icgnet.cli.benchmark_training import Speed
@@ -109,6 +110,7 @@ class Benchmark:
         Annotated[Clutter, tyro.conf.subcommand("clutter")]
         | Annotated[Simulation, tyro.conf.subcommand("simulation")]
         | Annotated[Loader, tyro.conf.subcommand("loader")]
+        | Annotated[LabelCeilings, tyro.conf.subcommand("label-ceiling")]
         | Annotated[Speed, tyro.conf.subcommand("training-speed")]
         | Annotated[Reconstruction, tyro.conf.subcommand("reconstruction")]
         | Annotated[Segmentation, tyro.conf.subcommand("segmentation")]
