@@ -20,7 +20,7 @@ class NeighbourSearch:
         """Rows of the `count` nearest points, nearest first; the last is repeated where the set is smaller."""
         queries, found = queries.detach(), min(count, len(self._points))
         if self._tree is not None:
-            rows = np.asarray(self._tree.query(queries.numpy(), k=found)[1])
+            rows = np.asarray(self._tree.query(queries.numpy(), k=found, workers=torch.get_num_threads())[1])
             nearest = torch.from_numpy(rows.reshape(len(queries), found))
         else:
             blocks = queries.split(max(1, _DISTANCES_AT_ONCE // len(self._points)))
