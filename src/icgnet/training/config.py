@@ -49,8 +49,8 @@ class Sampling:
     fewest_voxels: int = 10
     occupancy_points: int = 2048
     near_share: float = 0.5
-    far_share: float = 0.2
-    points_near_objects: bool = False
+    far_share: float = 0.3
+    points_near_objects: bool = True
     contacts: int = 96
     balanced_contacts: bool = True
     seen_share: float = 0.75
@@ -129,7 +129,7 @@ class TrainingConfig:
     optimizer: Literal["muon", "adamw"] = "muon"
     learning_rate: float = 1e-3
     final_learning_rate: float = 0.01
-    warmup_steps: int = 200
+    warmup_steps: int = 100
     weight_decay: float = 0.01
     gradient_clip: float = 5.0
     average_decay: float = 0.998
@@ -181,6 +181,7 @@ TRAININGS = {
             occupancy_points=32768,
             near_share=0.3,
             far_share=0.0,
+            points_near_objects=False,
             contacts=128,
         ),
         loss=PUBLISHED,

@@ -45,10 +45,10 @@ class LossWeights:
         divide_by_terms: divide the sum by the number of terms (published), instead of averaging over stages.
     """
 
-    class_: float = 2.0
-    mask: float = 3.0
+    class_: float = 6.0
+    mask: float = 5.0
     dice: float = 2.0
-    occupancy: float = 12.0
+    occupancy: float = 20.0
     grasp: float = 10.0
     contact: float = 1.0
     width: float = 0.5
