@@ -11,6 +11,7 @@ from icgnet.network.refinement import (
     ball_logits,
     extents,
     position_moments,
+    spread_rows,
 )
 from icgnet.network.tokens import Tokens, token_widths
 
@@ -87,7 +88,8 @@ def test_the_class_depends_on_what_the_mask_covers_and_no_gradient_reaches_the_m
     widths = token_widths(NETWORKS["tiny"])
     none, rows = torch.zeros(6, 3), torch.arange(6)
     levels = tuple(Tokens(torch.rand(6, 3), torch.randn(6, width), 0.003, rows, none) for width in widths)
-    scene = MaskScene(none, position_moments(levels[-1].positions), none, head.describe(levels))
+    looked_at = head.look(levels[-1].features)
+    scene = MaskScene(none, position_moments(levels[-1].positions), none, head.describe(levels), looked_at)
     queries = torch.randn(1, 8)
     masks = torch.tensor([[9.0, 9.0, 9.0, -9.0, -9.0, -9.0]]).T.requires_grad_()
     first, second = head(queries, masks, scene), head(queries, -masks, scene)
@@ -99,7 +101,7 @@ def test_seeded_mask_is_a_ball_around_the_seed_that_the_query_moves_and_sizes():
     seed = torch.tensor([[0.1, 0.1, 0.1]])
     offsets = torch.tensor([0.0, 0.03 * 2**0.5, 0.10])
     positions = seed + torch.stack([offsets, torch.zeros(3), torch.zeros(3)], 1)
-    scene = MaskScene(torch.zeros(3, 4), position_moments(positions), seed, None)
+    scene = MaskScene(torch.zeros(3, 4), position_moments(positions), seed, None, None)
     logits = ball_logits(torch.zeros(1, 4), scene)[:, 0]
     torch.testing.assert_close(logits[:2], torch.tensor([1.0, 0.0]), atol=1e-5, rtol=0)
     assert logits[2] < -4
@@ -107,3 +109,13 @@ def test_seeded_mask_is_a_ball_around_the_seed_that_the_query_moves_and_sizes():
     torch.testing.assert_close(moved[2], torch.tensor(1.0), atol=1e-5, rtol=0)
     larger = ball_logits(torch.tensor([[0.0, 0, 0, 1]]), scene)[:, 0]
     assert (larger[1:] > logits[1:]).all()
+
+
+def test_rows_are_spread_over_those_inside():
+    inside = torch.zeros(100, 3, dtype=torch.bool)
+    inside[20:60, 0] = True
+    inside[[3, 97], 1] = True
+    rows = spread_rows(inside, torch.tensor([0, 0, 42]), 10)
+    assert rows[0].tolist() == list(range(22, 60, 4))
+    assert rows[1].tolist() == [3] * 5 + [97] * 5
+    assert rows[2].tolist() == [42] * 10

@@ -51,6 +51,9 @@ class NetworkConfig:
     """Whether both U-Nets see where in a voxel or cell its points lie, and the sparse one its height above the table;
     the published inputs are whether a voxel or cell holds points."""
 
+    local_moments: bool = True
+    """Whether the sparse part sees how the points lie around every voxel: what their normals would be taken from."""
+
     stem_width: int = 8
     encoder_widths: tuple[int, ...] = (16, 32, 64, 128)
     decoder_widths: tuple[int, ...] = (64, 64, 32, 32)
@@ -116,8 +119,12 @@ class NetworkConfig:
 
     @property
     def surface_channels(self) -> int:
-        """Input channels of the sparse part: 1, and with `point_inputs` offset in the voxel and height."""
-        return 1 + 4 * self.point_inputs
+        """Input channels of the sparse part.
+
+        1; with `point_inputs` offset in the voxel and height; with `local_moments` mean and covariance of the points
+        around.
+        """
+        return 1 + 4 * self.point_inputs + 9 * self.local_moments
 
     @property
     def stages(self) -> int:
@@ -159,6 +166,7 @@ NETWORKS = {
         name="paper",
         visibility=False,
         point_inputs=False,
+        local_moments=False,
         view_depth=False,
         position_scale="cloud",
         seeded_masks=False,

@@ -56,10 +56,9 @@ class IcgNet(nn.Module):
         self._check(inputs)
         coordinates = torch.cat([nn.functional.pad(s.voxels, (1, 0), value=b) for b, s in enumerate(inputs)])
         pyramid = VoxelPyramid.build(coordinates)
-        given = torch.cat([surface_features(scene.voxels, scene.positions, self.config) for scene in inputs])
-        surface = self.sparse(pyramid, given)
-        volume = self.dense(torch.stack([scene.dense for scene in inputs]))
         positions = torch.cat([scene.positions for scene in inputs])
+        surface = self.sparse(pyramid, surface_features(pyramid.levels[0], positions, self.config))
+        volume = self.dense(torch.stack([scene.dense for scene in inputs]))
         with _full_precision(positions):
             viewpoints = [scene.viewpoint for scene in inputs]
             tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size, viewpoints)

@@ -5,13 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor
+from torch import Tensor, nn
 
 from icgnet.errors import InputError
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.network.config import NetworkConfig
+from icgnet.network.sparse_conv import VoxelLevel
 
 HEIGHT_UNIT = 0.1
+MOMENT_KERNEL = 5
+"""Voxels along an edge of the neighbourhood that moments are taken over; that of the first convolution, whose table
+they share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,16 +111,45 @@ def _mean_offsets(points: np.ndarray, size: int) -> np.ndarray:
     return (np.stack(sums) / counts).reshape(3, size, size, size)
 
 
-def surface_features(
-    voxels: Int[Tensor, "v 3"], positions: Float[Tensor, "v 3"], config: NetworkConfig
-) -> Float[Tensor, "v c"]:
-    """What the sparse part sees of every voxel: 1, the offset of its points from its centre, its height.
+def surface_features(level: VoxelLevel, positions: Float[Tensor, "v 3"], config: NetworkConfig) -> Float[Tensor, "v c"]:
+    """What the sparse part sees of every voxel: 1, the offset of its points, its height, and what is around.
 
-    Paper: the constant 1. Differs in preset `default`: offsets [voxels] and the height above the table [10 cm] follow.
+    Paper: the constant 1. Differs in preset `default`: offsets from the voxel's centre [voxels], the height above the
+    table [10 cm] and `local_moments` follow.
+
+    Args:
+        level: the finest voxels of a batch.
+        positions: mean of the points of each [m, workspace frame].
+        config: says which of them are wanted.
     """
-    ones = positions.new_ones(len(positions), 1)
-    if not config.point_inputs:
-        return ones
-    offsets = positions / config.voxel_size - voxels - 0.5
-    height = (positions[:, 2:] - TABLE_HEIGHT) / HEIGHT_UNIT
-    return torch.cat([ones, offsets, height], 1)
+    parts = [positions.new_ones(len(positions), 1)]
+    if config.point_inputs:
+        parts.append(positions / config.voxel_size - level.coordinates[:, 1:] - 0.5)
+        parts.append((positions[:, 2:] - TABLE_HEIGHT) / HEIGHT_UNIT)
+    if config.local_moments:
+        parts.append(local_moments(level, positions, config.voxel_size))
+    return torch.cat(parts, 1)
+
+
+def local_moments(level: VoxelLevel, positions: Float[Tensor, "v 3"], voxel_size: float) -> Float[Tensor, "v 9"]:
+    """Mean and covariance of the points of the 5^3 voxels around every voxel.
+
+    On a plane the covariance, divided by its trace, is half of what is left of the identity without the normal's
+    outer product: orientation without a sign, and no eigenvectors are needed.
+
+    Returns:
+        Mean relative to the voxel's own point [voxels], and xx, xy, xz, yy, yz, zz of the covariance over its trace.
+    """
+    centred = positions - positions.mean(0)
+    x, y, z = centred.unbind(1)
+    products = torch.stack([x * x, x * y, x * z, y * y, y * z, z * z], 1)
+    own = torch.cat([torch.ones_like(x)[:, None], centred, products], 1)
+    padded = torch.cat([own, own.new_zeros(1, own.shape[1])])
+    sums = nn.functional.embedding_bag(level.neighbours(MOMENT_KERNEL), padded, mode="sum")
+    mean, second = sums[:, 1:4] / sums[:, :1], sums[:, 4:] / sums[:, :1]
+    x, y, z = mean.unbind(1)
+    covariance = second - torch.stack([x * x, x * y, x * z, y * y, y * z, z * z], 1)
+    trace = covariance[:, [0, 3, 5]].sum(1, keepdim=True)
+    # A voxel alone has none, but for what rounding leaves.
+    covariance = torch.where(trace > (1e-1 * voxel_size) ** 2, covariance / trace.clamp(min=1e-12), 0.0)
+    return torch.cat([(mean - centred) / voxel_size, covariance], 1)

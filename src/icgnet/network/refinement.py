@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from icgnet.geometry.workspace import TABLE_HEIGHT
@@ -19,6 +19,8 @@ EXTENTS, EXTENT_UNIT = 5, 0.05
 """Numbers that tell the class head how large a mask is, and their unit [m]."""
 CLASS_LEVELS = (0, 1)
 """Levels of the coarse tokens that the class head reads: 24 and 12 mm."""
+CLASS_POINTS = 64
+"""Voxels of a mask that the class head looks at one by one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,8 @@ class MaskScene:
     described: Float[Tensor, "v d"] | None
     """What the class head averages under a mask: features of the finest tokens, and projected ones of the coarse
     tokens around; None for a class that is read from the query alone."""
+    looked_at: Float[Tensor, "v e"] | None
+    """What it reads at single voxels: projected features of the finest tokens."""
 
 
 MOMENT_ORIGIN = (0.15, 0.15, TABLE_HEIGHT)
@@ -121,7 +125,8 @@ class ClassHead(nn.Module):
     """Class logits of the queries.
 
     Differs with `class_of_mask`: beside the query it reads the mean features of the voxels in its mask, fine ones and
-    those of the coarse tokens around, and how large they are together; gradients do not flow into the mask.
+    those of the coarse tokens around, how large they are together, and, as PointNet does, where some of them lie;
+    gradients do not flow into the mask.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -132,7 +137,13 @@ class ClassHead(nn.Module):
         if config.class_of_mask:
             coarse, fine = token_widths(config)[: len(CLASS_LEVELS)], token_widths(config)[-1]
             self.around = nn.ModuleList(nn.Linear(inputs, width, bias=False) for inputs in coarse)
-            inputs = width + fine + EXTENTS + width * len(coarse)
+            self.look = nn.Linear(fine, width)
+            self.points = nn.Sequential(
+                *(nn.Linear(width + 3, 2 * width), nn.ReLU()),
+                *(nn.Linear(2 * width, 2 * width), nn.ReLU()),
+                nn.Linear(2 * width, 2 * width),
+            )
+            inputs = width + fine + EXTENTS + width * len(coarse) + 2 * width
             self.of_mask = nn.Sequential(nn.Linear(inputs, 2 * width), nn.ReLU(), nn.Linear(2 * width, 2 * width))
             last = nn.Linear(2 * width, config.classes + 1)
             nn.init.zeros_(last.weight)
@@ -161,8 +172,35 @@ class ClassHead(nn.Module):
         shares = shares / shares.sum(1, keepdim=True).clamp(min=1e-6)
         features = shares @ scene.described
         fine = features.shape[1] - len(self.around) * queries.shape[1]
-        parts = [queries, features[:, :fine], extents(shares @ scene.moments), features[:, fine:]]
+        moments = shares @ scene.moments
+        points = self._points(mask_logits, moments, scene)
+        parts = [queries, features[:, :fine], extents(moments), features[:, fine:], points]
         return logits + self.end(self.of_mask(torch.cat(parts, 1)))
+
+    def _points(
+        self, mask_logits: Float[Tensor, "v q"], moments: Float[Tensor, "q m"], scene: MaskScene
+    ) -> Float[Tensor, "q c"]:
+        """The most of what some voxels of each mask say, which know where they lie in it and above the table."""
+        assert scene.looked_at is not None
+        rows = spread_rows(mask_logits.detach() > 0, mask_logits.detach().argmax(0), CLASS_POINTS)
+        middle = moments[:, 1:4] * moments.new_tensor([1.0, 1.0, 0.0])
+        places = (scene.moments[:, 1:4][rows] - middle[:, None]) / EXTENT_UNIT
+        return self.points(torch.cat([scene.looked_at[rows], places], 2)).amax(1)
+
+
+def spread_rows(inside: Bool[Tensor, "v q"], otherwise: Int[Tensor, " q"], count: int) -> Int[Tensor, "q k"]:
+    """For each column `count` of the rows that are inside, evenly spread; some of them often where there are few.
+
+    Args:
+        inside: which rows may be taken.
+        otherwise: the row for a column in which none is inside.
+        count: rows that are wanted for each column.
+    """
+    number = inside.t().int().cumsum(1, dtype=torch.int32).contiguous()
+    total = number[:, -1:]
+    places = (torch.arange(count, device=inside.device) + 0.5) / count
+    rows = torch.searchsorted(number, (places * total).int() + 1).clamp(max=len(inside) - 1)
+    return torch.where(total > 0, rows, otherwise[:, None])
 
 
 def extents(moments: Float[Tensor, "q 11"]) -> Float[Tensor, "q e"]:
@@ -270,6 +308,7 @@ class QueryRefinement(nn.Module):
             moments=position_moments(finest.positions),
             seeds=positions,
             described=self.class_head.describe(levels),
+            looked_at=self.class_head.look(finest.features) if self.class_head.of_mask is not None else None,
         )
         queries = self.content
         if self.content_of_seed is not None:
