@@ -8,7 +8,7 @@ from icgnet.errors import DataError
 from icgnet.geometry.workspace import SIZE
 from icgnet.network.config import NETWORKS
 from icgnet.training.config import Sampling
-from icgnet.training.dataset import RecipeDataset, VisitBatches
+from icgnet.training.dataset import RecipeDataset, VisitBatches, nearest_and_another
 from icgnet.training.noise import NOISES
 
 CLEAN = replace(Sampling().for_validation(), noise=NOISES["clean"])
@@ -66,7 +66,7 @@ def test_voxels_of_an_instance_lie_on_its_occupied_space(make_dataset, sampling)
     assert (sample.occupancy.sum(0) <= 1).all()
     nearest = sample.occupancy.float().argmax(0)
     inside = sample.occupancy.any(0)
-    assert torch.equal(nearest[inside], sample.occupancy_nearest[inside])
+    assert torch.equal(nearest[inside], sample.occupancy_asked[inside, 0])
 
 
 def test_labels_turn_with_the_scene(make_dataset):
@@ -103,3 +103,12 @@ def test_missing_object_set_is_named(recipes):
 def test_no_recipes_are_an_error(shapes):
     with pytest.raises(DataError, match="no recipes"):
         RecipeDataset([], {"shapes": shapes}, CLEAN, TINY, 0)
+
+
+def test_a_point_is_asked_of_the_nearest_instance_and_of_another():
+    distances = np.array([[0.1, -0.1, 0.3], [0.2, 0.1, 0.1], [0.3, 0.2, 0.2]]).repeat(50, axis=1)
+    asked = nearest_and_another(distances, np.random.default_rng(0))
+    assert np.array_equal(asked[:, 0], np.repeat([0, 0, 1], 50))
+    assert (asked[:, 0] != asked[:, 1]).all()
+    assert {tuple(pair) for pair in asked} == {(0, 1), (0, 2), (1, 0), (1, 2)}
+    assert nearest_and_another(distances[:1], np.random.default_rng(0)).shape == (150, 1)

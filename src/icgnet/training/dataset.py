@@ -104,7 +104,7 @@ class RecipeDataset(Dataset):
             classes=torch.tensor([each.assets.class_index for each in instances]),
             occupancy_points=_tensor(work_points),
             occupancy=torch.from_numpy(distances < 0),
-            occupancy_nearest=torch.from_numpy(distances.argmin(0)),
+            occupancy_asked=torch.from_numpy(nearest_and_another(distances, rng)),
             contacts=_tensor(contacts.positions),
             normals=_tensor(contacts.normals),
             contact_instances=torch.from_numpy(contacts.instances),
@@ -183,6 +183,15 @@ def _draw_contacts(
         labels[index],
         recipe.contacts.widths[index],
     )
+
+
+def nearest_and_another(distances: Float[np.ndarray, "i n"], rng: np.random.Generator) -> Int[np.ndarray, "n k"]:
+    """For each point the instance with the least signed distance and one of the others by lot, if there are others."""
+    count, points = distances.shape
+    nearest = distances.argmin(axis=0)
+    if count == 1:
+        return nearest[:, None]
+    return np.stack([nearest, (nearest + rng.integers(1, count, points)) % count], axis=1)
 
 
 def is_seen(

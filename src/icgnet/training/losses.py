@@ -124,7 +124,9 @@ class TrainingLoss(nn.Module):
         if len(queries) == 0 or len(sample.occupancy_points) == 0:
             return {}
         if not self.weights.every_instance:
-            return self._nearest_occupancy_terms(embedding, sample, queries, stage)
+            asked = sample.occupancy_asked
+            logits = self.network.decode_occupancy_pairs(embedding, queries, sample.occupancy_points, asked, stage)
+            return {"occupancy": bce(logits, sample.occupancy.t().gather(1, asked))}
         logits = self.network.decode_occupancy(embedding, queries, sample.occupancy_points, stage)
         terms = {"occupancy": bce(logits, sample.occupancy)}
         if self.weights.divide_by_terms:
@@ -133,18 +135,6 @@ class TrainingLoss(nn.Module):
         if self.weights.scene_occupancy:
             terms["scene_occupancy"] = bce(logits.amax(0), sample.occupancy.any(0))
         return terms
-
-    def _nearest_occupancy_terms(
-        self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int
-    ) -> dict[str, Tensor]:
-        """Each point is asked of the instance that is nearest and, where there are more, of another one by lot."""
-        count = len(queries)
-        instances = sample.occupancy_nearest[:, None]
-        if count > 1:
-            step = torch.randint(1, count, instances.shape, device=instances.device)
-            instances = torch.cat([instances, (instances + step) % count], 1)
-        logits = self.network.decode_occupancy_pairs(embedding, queries, sample.occupancy_points, instances, stage)
-        return {"occupancy": bce(logits, sample.occupancy.t().gather(1, instances))}
 
     def grasp_terms(
         self, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"], stage: int

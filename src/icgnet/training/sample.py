@@ -23,7 +23,8 @@ class Sample:
         classes: [i] class index of every instance.
         occupancy_points: [n 3] where the shapes are asked for.
         occupancy: [i n] whether the point lies inside the instance.
-        occupancy_nearest: [n] the instance whose surface is the nearest, or that the point is the deepest in.
+        occupancy_asked: [n k] the instances that a point is asked of: the one whose surface is the nearest, or that the
+            point is the deepest in, and another one by lot, if there is one.
         contacts: [g 3] contact points, on seen and unseen sides.
         normals: [g 3] outward unit normals there.
         contact_instances: [g] the instance that a contact lies on.
@@ -37,7 +38,7 @@ class Sample:
     classes: Int[Tensor, "i"]
     occupancy_points: Float[Tensor, "n 3"]
     occupancy: Bool[Tensor, "i n"]
-    occupancy_nearest: Int[Tensor, "n"]
+    occupancy_asked: Int[Tensor, "n k"]
     contacts: Float[Tensor, "g 3"]
     normals: Float[Tensor, "g 3"]
     contact_instances: Int[Tensor, "g"]
