@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from icgnet.errors import InputError
-from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
 from icgnet.network.config import NetworkConfig
 from icgnet.network.sparse_conv import VoxelLevel
 
@@ -140,7 +140,8 @@ def local_moments(level: VoxelLevel, positions: Float[Tensor, "v 3"], voxel_size
     Returns:
         Mean relative to the voxel's own point [voxels], and xx, xy, xz, yy, yz, zz of the covariance over its trace.
     """
-    centred = positions - positions.mean(0)
+    # About the middle of the workspace, for the precision of the squares.
+    centred = positions - 0.5 * SIZE
     x, y, z = centred.unbind(1)
     products = torch.stack([x * x, x * y, x * z, y * y, y * z, z * z], 1)
     own = torch.cat([torch.ones_like(x)[:, None], centred, products], 1)
