@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from icgnet.benchmark.observation import Observation, Truth, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 from icgnet.benchmark.planners.chance import RandomPlanner
-from icgnet.benchmark.planners.icgnet import IcgNetPlanner
+from icgnet.benchmark.planners.icgnet import IcgNetPlanner, cloud_on_table
 from icgnet.benchmark.planners.oracle import OraclePlanner
 from icgnet.errors import InputError
 from icgnet.geometry.clouds import PointCloud
@@ -170,3 +171,15 @@ def test_seeing_opposed_points_beats_chance(objects):
     _, antipodal = np.sum([play(AntipodalPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
     _, chance = np.sum([play(RandomPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
     assert antipodal >= chance + 4
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])
+def test_a_wrong_depth_scale_is_taken_out_where_the_table_tells_it(scene, objects, gain):
+    right = observe(scene, objects, "side", "none", FRANKA, True, np.random.default_rng(0))
+    nothing = PointCloud(np.zeros((0, 3)), right.cloud.viewpoint)
+    cloud = cloud_on_table(replace(right, depth=gain * right.depth, cloud=nothing))
+    if gain == 1.0:
+        assert cloud is nothing
+        return
+    assert KDTree(right.cloud.points).query(cloud.points)[0].max() < 0.004
+    assert len(cloud) == pytest.approx(len(right.cloud), rel=0.05)

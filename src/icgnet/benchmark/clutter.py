@@ -190,6 +190,7 @@ def settings(config: ClutterConfig) -> dict[str, object]:
     planner, own = config.planner, {}
     if planner.name == "icgnet":
         own = {"weights": stored_checksum(planner.weights or DEFAULT_WEIGHTS), "search": asdict(planner.search)}
+        own["level_table"] = planner.level_table
     # How many threads a planner computes with, and where its weights lie, decides nothing.
     return {**asdict(config), "planner": planner.name, **own, "full_opening": config.full_opening}
 

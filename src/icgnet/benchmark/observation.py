@@ -139,12 +139,22 @@ def observe(
     image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
     image = corrupt_depth(image, DEFAULT_INTRINSICS, SENSORS[noise], rng)
     depth = np.asarray(image.depth, np.float64)
-    points = fuse([depth], [DEFAULT_INTRINSICS], [pose], RESOLUTION, least_height=LOWER[2] - 0.01).surface_points()
-    points = points[((points >= LOWER) & (points <= UPPER)).all(axis=1)]
-    points, _ = corrupt_points(points, SENSORS[noise], rng)
+    points, _ = corrupt_points(points_above_table(depth, DEFAULT_INTRINSICS, pose), SENSORS[noise], rng)
+    cloud = PointCloud(without_lonely_points(points), pose[:3, 3], "world")
+    return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng)
+
+
+def points_above_table(
+    depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], T_world_camera: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "n 3"]:
+    """Surface points [m] of a depth image that is fused as published, above the table and inside the workspace."""
+    grid = fuse([depth], [intrinsics], [T_world_camera], RESOLUTION, least_height=LOWER[2] - 0.01)
+    points = grid.surface_points()
+    return points[((points >= LOWER) & (points <= UPPER)).all(axis=1)]
+
+
+def without_lonely_points(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
+    """Those with neighbours; none where fewer than a hundred remain."""
     if len(points):
         points = points[radius_outlier_mask(points, OUTLIER_RADIUS, OUTLIER_NEIGHBOURS)]
-    if len(points) < FEWEST_POINTS:
-        points = np.zeros((0, 3))
-    cloud = PointCloud(points, pose[:3, 3], "world")
-    return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng)
+    return points if len(points) >= FEWEST_POINTS else np.zeros((0, 3))

@@ -134,6 +134,8 @@ def method_name(report: Report) -> str:
     usual = asdict(BEST_FEW)
     search = report.mapping("settings", "search") if settings.get("search") else {}
     unusual = [f"{key}={value}" for key, value in search.items() if key != "opening" and usual.get(key, value) != value]
+    if settings.get("level_table") is False:
+        unusual.append("depth as measured")
     return f"{name} ({', '.join(unusual)})" if unusual else name
 
 

@@ -56,6 +56,8 @@ class Clutter:
     """CPU threads of the network in each process."""
     search: Annotated[GraspSearch, tyro.conf.arg(name="search")] = BEST_FEW
     """How icgnet looks for grasps; its opening is that of --opening."""
+    level_table: bool = True
+    """For icgnet: take out a wrong depth scale, which the known height of the table tells."""
     gallery: int = 0
     """Draw so many of the worst failures into the folder's gallery/, the causes mixed; also of a finished benchmark."""
 
@@ -72,7 +74,7 @@ class Clutter:
         from icgnet.benchmark.planners.registry import PlannerSource
 
         config = ClutterConfig(
-            planner=PlannerSource(self.planner, self.weights, self.threads, self.search),
+            planner=PlannerSource(self.planner, self.weights, self.threads, self.search, self.level_table),
             scene=self.scene,
             objects=self.objects,
             split=self.split,

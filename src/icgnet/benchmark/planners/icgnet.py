@@ -3,10 +3,25 @@
 from dataclasses import replace
 from pathlib import Path
 
-from icgnet.benchmark.observation import Observation
+from icgnet.benchmark.observation import Observation, points_above_table, without_lonely_points
 from icgnet.benchmark.planner import Plan
+from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.depth_scale import depth_scale
 from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 from icgnet.predictor import Predictor
+
+SCALE_ERROR = 0.005
+"""The cloud is made again from a picture whose depth scale is off by more than this."""
+
+
+def cloud_on_table(observation: Observation) -> PointCloud:
+    """The observation's cloud; or that of the picture set right, if it shows the table at a wrong height."""
+    view = (observation.intrinsics, observation.T_world_camera)
+    scale = depth_scale(observation.depth, *view, observation.table_height)
+    if abs(scale - 1.0) < SCALE_ERROR:
+        return observation.cloud
+    points = without_lonely_points(points_above_table(scale * observation.depth, *view))
+    return PointCloud(points, observation.T_world_camera[:3, 3], "world")
 
 
 class IcgNetPlanner:
@@ -14,23 +29,32 @@ class IcgNetPlanner:
 
     needs_truth = False
 
-    def __init__(self, weights: Path | None = None, threads: int = 1, search: GraspSearch = BEST_FEW) -> None:
+    def __init__(
+        self,
+        weights: Path | None = None,
+        threads: int = 1,
+        search: GraspSearch = BEST_FEW,
+        level_table: bool = True,
+    ) -> None:
         """Loads the network.
 
         Args:
             weights: a file of weights; the shipped ones if None.
             threads: CPU threads of the network, for the whole process.
             search: how grasps are looked for; the opening is the observation's.
+            level_table: whether a wrong depth scale, which the table's height tells, is taken out.
 
         Raises:
             DataError: the weights cannot be used.
             InputError: a number of threads below 1.
         """
         self._predictor = Predictor.load(weights, threads, search=search)
+        self._level_table = level_table
 
     def plan(self, observation: Observation) -> Plan:
         """Grasps that touch nothing that was seen or is predicted; the prediction is in `details`."""
-        cloud, gripper = observation.cloud, observation.gripper
+        cloud = cloud_on_table(observation) if self._level_table else observation.cloud
+        gripper = observation.gripper
         if len(cloud) == 0:
             return Plan.nothing()
         search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")

@@ -21,12 +21,14 @@ class PlannerSource:
         weights: of the network, for icgnet; the shipped ones if None.
         threads: CPU threads of the network, for icgnet.
         search: how icgnet looks for grasps.
+        level_table: whether icgnet takes out a wrong depth scale that the table's height tells.
     """
 
     name: str = "icgnet"
     weights: Path | None = None
     threads: int = 1
     search: GraspSearch = BEST_FEW
+    level_table: bool = True
 
 
 def load_planner(source: PlannerSource) -> Planner:
@@ -52,7 +54,7 @@ def load_planner(source: PlannerSource) -> Planner:
 def _icgnet(source: PlannerSource) -> Planner:
     from icgnet.benchmark.planners.icgnet import IcgNetPlanner
 
-    return IcgNetPlanner(source.weights, source.threads, source.search)
+    return IcgNetPlanner(source.weights, source.threads, source.search, source.level_table)
 
 
 def _antipodal(_: PlannerSource) -> Planner:

@@ -1,0 +1,49 @@
+"""A wrong depth scale, taken out by a table whose height is known."""
+
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.geometry.camera import pixel_rays
+
+LARGEST_ERROR = 0.15
+"""A scale farther from 1 than this is not looked for."""
+BIN = 0.002
+WINDOW = 5
+"""The ratio that most pixels share is looked for in bins of this width, so many of them at once."""
+FEWEST_SHARE = 0.05
+"""At least this share of the measured pixels must agree, otherwise no table is seen."""
+
+
+def depth_scale(
+    depth: Float[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    T_world_camera: Float[np.ndarray, "4 4"],
+    table_height: float,
+) -> float:
+    """Factor on the depth that brings the table to its known height; 1 where too little of a table is seen.
+
+    Every pixel that shows the table asks for the same factor, what stands on it for larger ones: the factor that most
+    pixels ask for is taken. Large level tops of objects are the table's rivals, so most of what is seen must be table.
+
+    Args:
+        depth: along the camera's z axis [m], 0 or NaN where nothing was measured.
+        intrinsics: camera matrix [pixels].
+        T_world_camera: pose of the camera, z up in the world.
+        table_height: of the table plane in the world [m].
+    """
+    measured = np.isfinite(depth) & (depth > 0)
+    slopes = pixel_rays(intrinsics, depth.shape)[measured] @ T_world_camera[2, :3]
+    down = slopes < -1e-3
+    expected = (table_height - T_world_camera[2, 3]) / slopes[down]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.log(expected / depth[measured][down])
+    errors = errors[np.abs(errors) < LARGEST_ERROR]
+    if len(errors) < max(1.0, FEWEST_SHARE * measured.sum()):
+        return 1.0
+    counts, edges = np.histogram(errors, bins=round(2 * LARGEST_ERROR / BIN), range=(-LARGEST_ERROR, LARGEST_ERROR))
+    together = np.convolve(counts, np.ones(WINDOW), mode="valid")
+    first = int(together.argmax())
+    if together[first] < FEWEST_SHARE * measured.sum():
+        return 1.0
+    inside = (errors >= edges[first]) & (errors <= edges[first + WINDOW])
+    return float(np.exp(np.median(errors[inside])))
