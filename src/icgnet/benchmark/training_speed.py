@@ -261,6 +261,8 @@ def _count_flops(trainer: Trainer, batches: Iterator[list[Sample]], meter: Meter
     with FlopCounterMode(display=False, custom_mapping=by_hand) as counter:
         meter.read = counter.get_total_flops
         counted = [_metered_step(trainer, batches, meter) for _ in range(steps)]
+    for parts in counted:
+        parts.pop(OPTIMISER, None)  # its products depend on the weights alone, not on the scenes
     per_scene = 1e-9 / trainer.config.batch
     means = {part: per_scene * sum(parts.get(part, 0.0) for parts in counted) / steps for part in PARTS}
     totals = [per_scene * sum(parts.values()) for parts in counted]

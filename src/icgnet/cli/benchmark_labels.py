@@ -2,14 +2,16 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console
 from rich.table import Table
 
 from icgnet.benchmark.record import write_report
 from icgnet.cli.notices import load_objects
-from icgnet.objects.base import Kind
+
+if TYPE_CHECKING:
+    from icgnet.objects.base import Kind
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class LabelCeilings:
         object_set, gripper = load_objects(self.objects), load_gripper()
         table = Table("scenes", "trials", "success", "both outcomes", "F1 at best", "top 1", title="ceiling of scores")
         ceilings = []
-        kinds: tuple[Kind, ...] = ("packed", "pile")
+        kinds: "tuple[Kind, ...]" = ("packed", "pile")
         for kind in kinds:
             found = measure_ceiling(
                 kind, object_set, self.split, gripper, self.scenes, self.repeats, self.contacts, self.seed
