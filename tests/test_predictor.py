@@ -91,6 +91,16 @@ def test_a_higher_table_lifts_the_grasps(predictor, in_world):
     np.testing.assert_allclose(lifted.grasps.poses[:, :3, 3], in_world.grasps.poses[:, :3, 3] + lift, atol=1e-6)
 
 
+def test_a_wrong_depth_scale_is_set_right_by_a_table_of_known_height(predictor, in_world, depth):
+    given = (INTRINSICS, camera_pose(), TABLE_HEIGHT)
+    levelled = predictor.predict_depth(1.05 * depth, *given, level_table=True)
+    np.testing.assert_allclose(levelled.cloud.points, in_world.cloud.points, atol=1e-3)
+    as_measured = predictor.predict_depth(1.05 * depth, *given)
+    assert np.abs(as_measured.cloud.points - in_world.cloud.points).max() > 0.02
+    right = predictor.predict_depth(depth, *given, level_table=True)
+    np.testing.assert_array_equal(right.cloud.points, in_world.cloud.points)
+
+
 def test_the_same_input_gives_the_same_result(predictor, in_world, depth):
     again = predictor.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
     np.testing.assert_array_equal(again.grasps.poses, in_world.grasps.poses)
@@ -287,6 +297,7 @@ SHEARED = np.array([[1.0, 0.2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         ({"camera_pose": SHEARED @ camera_pose()}, "shear"),
         ({"camera_pose": np.eye(3)}, r"4x4 matrix, got shape \(3, 3\)"),
         ({"table_height": 0.05}, "needs a camera_pose"),
+        ({"level_table": True, "camera_pose": camera_pose()}, "give camera_pose and table_height"),
         ({"mask": np.ones((3, 4))}, r"\(120, 160\), got \(3, 4\)"),
     ],
 )

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points
+from icgnet.geometry.depth_scale import levelled_depth
 from icgnet.geometry.transforms import check_transform
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
@@ -109,6 +110,7 @@ class Predictor:
         camera_pose: Any = None,
         table_height: float | None = None,
         mask: Any = None,
+        level_table: bool = False,
     ) -> Prediction:
         """Objects and grasps in a depth image: in the world if the camera's pose is given, else in the camera frame.
 
@@ -118,22 +120,29 @@ class Predictor:
             camera_pose: T_world_camera, z up in the world; None when it is not known.
             table_height: height of the table plane in the world [m]; it is found in the image if None.
             mask: [h w] true where objects may be; everywhere if None.
+            level_table: whether the depth is multiplied with what brings the table to its known height, for cameras
+                whose depth scale drifts; needs `camera_pose` and `table_height`.
 
         Raises:
-            InputError: wrong shapes or unit, singular intrinsics, a pose that is not rigid or left-handed, or a pose
-                that does not make the table level.
+            InputError: wrong shapes or unit, singular intrinsics, a pose that is not rigid or left-handed, a pose
+                that does not make the table level, or a table that shall be levelled without its height.
             TableNotFoundError: no plane that could be the table.
         """
         if table_height is not None and camera_pose is None:
             raise InputError("table_height is a height in the world: it needs a camera_pose")
-        image = check_depth(np.asarray(depth))
-        rays = pixel_rays(check_intrinsics(np.asarray(intrinsics)), image.shape)
+        image, K = check_depth(np.asarray(depth)), check_intrinsics(np.asarray(intrinsics))
+        pose = None if camera_pose is None else check_transform(_matrix(camera_pose), "camera_pose")
+        if level_table:
+            if pose is None or table_height is None:
+                raise InputError("level_table needs to know where the table is: give camera_pose and table_height")
+            image = levelled_depth(image, K, pose, table_height)
+        rays = pixel_rays(K, image.shape)
         rows = np.flatnonzero(np.isfinite(image))
         allowed = _check_mask(mask, image.shape)
         points = rays.reshape(-1, 3)[rows] * image.reshape(-1, 1)[rows]
         cloud = PointCloud(check_points(points), np.zeros(3), "camera")
-        if camera_pose is not None:
-            cloud = cloud.transformed(check_transform(_matrix(camera_pose), "camera_pose"), "world")
+        if pose is not None:
+            cloud = cloud.transformed(pose, "world")
         return self._predict(cloud, table_height, rows, image.shape, None if allowed is None else allowed[rows])
 
     def _predict(

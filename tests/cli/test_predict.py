@@ -136,6 +136,8 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
             "of another shape",
         ),
         "unknown gripper": ([view, "--gripper", "tweezers"], "'tweezers'"),
+        "table of a cloud levelled": ([str(folder / "ball.npy"), "--level-table"], "--level-table is for depth images"),
+        "table levelled without its height": ([*metric, "--level-table"], "give camera_pose and table_height"),
         "no threads": ([view, "--threads", "0"], "threads must be at least 1, got 0"),
         "score above 1": ([view, "--min-score", "3"], "between 0 and 1, got 3"),
     }
@@ -147,7 +149,7 @@ CASES = (
     *("singular intrinsics", "three intrinsics", "left-handed pose", "sheared pose"),
     *("unknown class", "unknown object", "region upside down", "unknown gripper"),
     *("broken weights", "weights of another configuration"),
-    *("no threads", "score above 1"),
+    *("table of a cloud levelled", "table levelled without its height", "no threads", "score above 1"),
 )
 
 

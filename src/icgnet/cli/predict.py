@@ -46,6 +46,8 @@ class Predict:
     """Where the camera stood, in the frame of the cloud [m]."""
     table_height: float | None = None
     """Height of the table plane in the world [m]; found in the input if not given."""
+    level_table: bool = False
+    """Multiply the depth with what brings the table to --table-height: for cameras whose depth scale drifts."""
     mask: Path | None = None
     """Image of the size of the depth image: objects are looked for where it is not 0."""
     object_class: str | None = None
@@ -93,13 +95,15 @@ class Predict:
         capture = read_capture(self.input, self.intrinsics, self.depth_scale, self.camera_pose, self.viewpoint)
         mask = None if self.mask is None else read_mask(self.mask)
         predictor = Predictor.load(self.weights, self.threads, self.gripper, self.seed, self.search)
-        if mask is not None and not isinstance(capture, DepthCapture):
-            raise InputError(f"{self.input} is a cloud: --mask is for depth images")
+        for name, given in (("mask", mask is not None), ("level-table", self.level_table)):
+            if given and not isinstance(capture, DepthCapture):
+                raise InputError(f"{self.input} is a cloud: --{name} is for depth images")
 
         def predict_once() -> "Prediction":
             if isinstance(capture, DepthCapture):
-                pose = capture.camera_pose
-                return predictor.predict_depth(capture.depth, capture.intrinsics, pose, self.table_height, mask)
+                return predictor.predict_depth(
+                    capture.depth, capture.intrinsics, capture.camera_pose, self.table_height, mask, self.level_table
+                )
             return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height)
 
         return with_median_timings([with_meshes(predict_once()) for _ in range(self.repeat)])

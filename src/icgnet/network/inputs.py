@@ -131,6 +131,12 @@ def surface_features(level: VoxelLevel, positions: Float[Tensor, "v 3"], config:
     return torch.cat(parts, 1)
 
 
+def second_moments(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "v 6"]:
+    """The products xx, xy, xz, yy, yz, zz of each position's coordinates."""
+    x, y, z = positions.unbind(1)
+    return torch.stack([x * x, x * y, x * z, y * y, y * z, z * z], 1)
+
+
 def local_moments(level: VoxelLevel, positions: Float[Tensor, "v 3"], voxel_size: float) -> Float[Tensor, "v 9"]:
     """Mean and covariance of the points of the 5^3 voxels around every voxel.
 
@@ -142,14 +148,11 @@ def local_moments(level: VoxelLevel, positions: Float[Tensor, "v 3"], voxel_size
     """
     # About the middle of the workspace, for the precision of the squares.
     centred = positions - 0.5 * SIZE
-    x, y, z = centred.unbind(1)
-    products = torch.stack([x * x, x * y, x * z, y * y, y * z, z * z], 1)
-    own = torch.cat([torch.ones_like(x)[:, None], centred, products], 1)
+    own = torch.cat([centred.new_ones(len(centred), 1), centred, second_moments(centred)], 1)
     padded = torch.cat([own, own.new_zeros(1, own.shape[1])])
     sums = nn.functional.embedding_bag(level.neighbours(MOMENT_KERNEL), padded, mode="sum")
     mean, second = sums[:, 1:4] / sums[:, :1], sums[:, 4:] / sums[:, :1]
-    x, y, z = mean.unbind(1)
-    covariance = second - torch.stack([x * x, x * y, x * z, y * y, y * z, z * z], 1)
+    covariance = second - second_moments(mean)
     trace = covariance[:, [0, 3, 5]].sum(1, keepdim=True)
     # A voxel alone has none, but for what rounding leaves.
     covariance = torch.where(trace > (1e-1 * voxel_size) ** 2, covariance / trace.clamp(min=1e-12), 0.0)

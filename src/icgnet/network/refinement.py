@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.network.config import NetworkConfig
+from icgnet.network.inputs import second_moments
 from icgnet.network.layers import Attention, FeedForward, ResidualBlock
 from icgnet.network.neighbours import farthest_points
 from icgnet.network.positional import Bounds, FourierEncoding
@@ -69,9 +70,8 @@ MOMENT_ORIGIN = (0.15, 0.15, TABLE_HEIGHT)
 def position_moments(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "v 11"]:
     """1, position, its products xx, xy, xz, yy, yz, zz [m, m^2; about `MOMENT_ORIGIN`], and the 8th power of height."""
     centred = positions - positions.new_tensor(MOMENT_ORIGIN)
-    x, y, z = centred.unbind(1)
-    ones, eighth = torch.ones_like(x), (z / EXTENT_UNIT).clamp(min=0).pow(8)
-    return torch.stack([ones, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z, eighth], 1)
+    eighth = (centred[:, 2:] / EXTENT_UNIT).clamp(min=0).pow(8)
+    return torch.cat([torch.ones_like(eighth), centred, second_moments(centred), eighth], 1)
 
 
 class MaskHead(nn.Module):

@@ -6,21 +6,18 @@ from pathlib import Path
 from icgnet.benchmark.observation import Observation, points_above_table, without_lonely_points
 from icgnet.benchmark.planner import Plan
 from icgnet.geometry.clouds import PointCloud
-from icgnet.geometry.depth_scale import depth_scale
+from icgnet.geometry.depth_scale import levelled_depth
 from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 from icgnet.predictor import Predictor
-
-SCALE_ERROR = 0.005
-"""The cloud is made again from a picture whose depth scale is off by more than this."""
 
 
 def cloud_on_table(observation: Observation) -> PointCloud:
     """The observation's cloud; or that of the picture set right, if it shows the table at a wrong height."""
     view = (observation.intrinsics, observation.T_world_camera)
-    scale = depth_scale(observation.depth, *view, observation.table_height)
-    if abs(scale - 1.0) < SCALE_ERROR:
+    depth = levelled_depth(observation.depth, *view, observation.table_height)
+    if depth is observation.depth:
         return observation.cloud
-    points = without_lonely_points(points_above_table(scale * observation.depth, *view))
+    points = without_lonely_points(points_above_table(depth, *view))
     return PointCloud(points, observation.T_world_camera[:3, 3], "world")
 
 
