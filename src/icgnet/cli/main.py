@@ -11,6 +11,7 @@ import tyro
 
 from icgnet.cli.benchmark import Benchmark
 from icgnet.cli.calibrate import Calibrate
+from icgnet.cli.curves import Curves
 from icgnet.cli.dataset import Dataset
 from icgnet.cli.demo import Demo
 from icgnet.cli.evaluate import Evaluate
@@ -34,6 +35,7 @@ Command = (
     | Annotated[Generate, tyro.conf.subcommand("generate")]
     | Annotated[Dataset, tyro.conf.subcommand("dataset")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Curves, tyro.conf.subcommand("curves")]
     | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
