@@ -34,12 +34,14 @@ def test_generate_again_finds_everything_done(scenes, capsys):
 
 
 @pytest.mark.slow
-def test_train_writes_weights_that_predict_can_load(scenes, tmp_path):
+@pytest.mark.parametrize(("options", "network"), [([], "tiny"), (["--network", "paper"], "paper")])
+def test_train_writes_weights_that_predict_can_load(scenes, tmp_path, options, network):
     from icgnet.predictor import Predictor
 
-    assert main(["train", "tiny", "--data", str(scenes), "--out", str(tmp_path / "run"), "--steps", "1"]) == 0
+    arguments = ["train", "tiny", *options, "--data", str(scenes), "--out", str(tmp_path / "run"), "--steps", "1"]
+    assert main(arguments) == 0
     (weights,) = (tmp_path / "run").glob("weights_final.safetensors")
-    assert Predictor.load(weights).network.config.name == "tiny"
+    assert Predictor.load(weights).network.config.name == network
 
 
 @pytest.mark.slow

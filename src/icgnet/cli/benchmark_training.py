@@ -26,6 +26,8 @@ class Speed:
     """Training preset."""
     steps: int = 20
     """Steps to time, after up to 16 that are not: their FLOPs are counted."""
+    network: Literal["tiny", "default", "paper"] | None = None
+    """Network in place of the preset's."""
     batch: int | None = None
     """Scenes per step in place of the preset's."""
     threads: int | None = None
@@ -62,7 +64,7 @@ class Speed:
     def _config(self) -> "TrainingConfig":
         from icgnet.training.config import TRAININGS
 
-        given = {"batch": self.batch, "threads": self.threads}
+        given = {"network": self.network, "batch": self.batch, "threads": self.threads}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(TRAININGS[self.preset], seed=self.seed, **changes)
 

@@ -32,6 +32,8 @@ class Train:
     """Training time in place of the preset's [min]."""
     steps: int | None = None
     """Optimiser steps in place of the preset's."""
+    network: Literal["tiny", "default", "paper"] | None = None
+    """Network in place of the preset's."""
     batch: int | None = None
     """Scenes per step, in each process, in place of the preset's."""
     learning_rate: float | None = None
@@ -56,7 +58,7 @@ class Train:
         from icgnet.training.config import TRAININGS
         from icgnet.training.loop import train
 
-        given = {name: getattr(self, name) for name in ("batch", "learning_rate", "threads", "workers")}
+        given = {name: getattr(self, name) for name in ("network", "batch", "learning_rate", "threads", "workers")}
         changes = {name: value for name, value in given.items() if value is not None}
         if self.minutes is not None or self.steps is not None:
             changes |= {"minutes": self.minutes, "steps": self.steps}
