@@ -40,6 +40,7 @@ AT_HOME = {
     "lightning_fabric": {"training"},
     "lightning": {"training"},
     "viser": {"viewer"},
+    "matplotlib": {"viewer"},
     "pyarrow": {"datagen"},
     "tyro": {"cli"},
     "torch": {"network", "training", "inference", "predictor", "benchmark"},

@@ -8,7 +8,7 @@ import pytest
 from icgnet import __version__
 from icgnet.cli.main import main
 
-HEAVY = ("torch", "mujoco", "scipy", "trimesh", "pyarrow", "lightning_fabric", "viser", "embreex")
+HEAVY = ("torch", "mujoco", "scipy", "trimesh", "pyarrow", "lightning_fabric", "viser", "matplotlib", "embreex")
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["predict", "--help"]])
