@@ -7,6 +7,7 @@ from icgnet.training.metrics import (
     average_precision,
     best_f1,
     count_masks,
+    count_ranking,
     f1_score,
     mask_iou,
     ranking_precision,
@@ -80,6 +81,18 @@ def test_calibration_error_and_the_best_scores_are_reported():
     metrics = summarise(Tally(scores=[scores], labels=[labels], seen=[~labels], top_1_scores=[0.7, 0.9]))
     assert metrics["grasp_ece"] == pytest.approx(0.3)
     assert metrics["grasp_top1_score"] == pytest.approx(0.8)
+
+
+def test_the_best_grasp_counts_and_whether_any_could_have_succeeded():
+    tally = Tally()
+    count_ranking(tally, torch.tensor([0.2, 0.9, 0.5]), torch.tensor([False, True, False]))
+    count_ranking(tally, torch.tensor([0.2, 0.9, 0.5]), torch.tensor([True, False, False]))
+    count_ranking(tally, torch.tensor([0.3, 0.1]), torch.tensor([False, False]))
+    count_ranking(tally, torch.zeros(0), torch.zeros(0, dtype=torch.bool))
+    metrics = summarise(tally)
+    assert metrics["grasp_top1_precision"] == pytest.approx(1 / 3)
+    assert metrics["grasp_top1_possible"] == pytest.approx(2 / 3)
+    assert metrics["grasp_top1_score"] == pytest.approx((0.9 + 0.9 + 0.3) / 3)
 
 
 def test_better_grasps_are_selected():

@@ -30,6 +30,7 @@ class Tally:
     labels: list[Bool[np.ndarray, "n"]] = field(default_factory=list)
     seen: list[Bool[np.ndarray, "n"]] = field(default_factory=list)
     top_1: list[float] = field(default_factory=list)
+    top_1_possible: list[float] = field(default_factory=list)
     top_1_scores: list[float] = field(default_factory=list)
     top_50: list[float] = field(default_factory=list)
     width_errors: list[float] = field(default_factory=list)
@@ -130,14 +131,21 @@ def count_grasps(
     tally.scores.append(scores.flatten().float().cpu().numpy())
     tally.labels.append(labels.flatten().cpu().numpy())
     tally.seen.append(sample.contact_seen[:, None].expand_as(labels).flatten().cpu().numpy())
-    seen_scores, order = scores[sample.contact_seen].flatten().sort(descending=True)
-    ranked = labels[sample.contact_seen].flatten()[order]
-    if len(ranked):
-        tally.top_1.append(float(ranked[0]))
-        tally.top_1_scores.append(float(seen_scores[0]))
-        tally.top_50.append(float(ranked[:50].float().mean()))
+    count_ranking(tally, scores[sample.contact_seen].flatten(), labels[sample.contact_seen].flatten())
     graspable = labels.any(1)
     tally.width_errors += (answer.widths - sample.widths)[graspable].abs().tolist()
+
+
+def count_ranking(tally: Tally, scores: Float[Tensor, "n"], labels: Bool[Tensor, "n"]) -> None:
+    """Adds how well the best of a scene's grasps at seen contacts do, and whether any of them could have done well."""
+    if len(scores) == 0:
+        return
+    ranked_scores, order = scores.sort(descending=True)
+    ranked = labels[order]
+    tally.top_1.append(float(ranked[0]))
+    tally.top_1_possible.append(float(ranked.any()))
+    tally.top_1_scores.append(float(ranked_scores[0]))
+    tally.top_50.append(float(ranked[:50].float().mean()))
 
 
 def summarise(tally: Tally) -> dict[str, float]:
@@ -152,6 +160,8 @@ def summarise(tally: Tally) -> dict[str, float]:
         result["grasp_ece"] = reliability(scores, labels).error
         result["grasp_positive_share"] = float(labels.mean())
     _add_mean(result, "grasp_top1_precision", tally.top_1)
+    # Of scenes whose few labelled contacts on seen surfaces hold no success, nobody gets one.
+    _add_mean(result, "grasp_top1_possible", tally.top_1_possible)
     _add_mean(result, "grasp_top1_score", tally.top_1_scores)
     _add_mean(result, "grasp_top50_precision", tally.top_50)
     if tally.width_errors:
