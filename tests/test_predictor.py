@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from icgnet.errors import DataError, InputError
+from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
@@ -97,6 +97,8 @@ def test_a_wrong_depth_scale_is_set_right_by_a_table_of_known_height(predictor, 
     np.testing.assert_allclose(levelled.cloud.points, in_world.cloud.points, atol=1e-3)
     as_measured = predictor.predict_depth(1.05 * depth, *given)
     assert np.abs(as_measured.cloud.points - in_world.cloud.points).max() > 0.02
+    with pytest.raises(TableNotFoundError, match=r"at height 0\.05 m"):
+        predictor.predict_depth(1.4 * depth, *given, level_table=True)
     right = predictor.predict_depth(depth, *given, level_table=True)
     np.testing.assert_array_equal(right.cloud.points, in_world.cloud.points)
 

@@ -11,10 +11,10 @@ import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
 
-from icgnet.errors import DataError, InputError
+from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points
-from icgnet.geometry.depth_scale import levelled_depth
+from icgnet.geometry.depth_scale import LARGEST_ERROR, levelled_depth
 from icgnet.geometry.transforms import check_transform
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
@@ -121,12 +121,13 @@ class Predictor:
             table_height: height of the table plane in the world [m]; it is found in the image if None.
             mask: [h w] true where objects may be; everywhere if None.
             level_table: whether the depth is multiplied with what brings the table to its known height, for cameras
-                whose depth scale drifts; needs `camera_pose` and `table_height`.
+                whose depth scale drifts, by up to 15 %; needs `camera_pose` and `table_height`, and a picture in which
+                most of what is level is table.
 
         Raises:
             InputError: wrong shapes or unit, singular intrinsics, a pose that is not rigid or left-handed, a pose
                 that does not make the table level, or a table that shall be levelled without its height.
-            TableNotFoundError: no plane that could be the table.
+            TableNotFoundError: no plane that could be the table, or none near its known height to level.
         """
         if table_height is not None and camera_pose is None:
             raise InputError("table_height is a height in the world: it needs a camera_pose")
@@ -135,7 +136,13 @@ class Predictor:
         if level_table:
             if pose is None or table_height is None:
                 raise InputError("level_table needs to know where the table is: give camera_pose and table_height")
-            image = levelled_depth(image, K, pose, table_height)
+            levelled = levelled_depth(image, K, pose, table_height)
+            if levelled is None:
+                raise TableNotFoundError(
+                    f"level_table: too little of a table is seen at height {table_height:g} m, or the depth is off by "
+                    f"more than {LARGEST_ERROR:.0%}"
+                )
+            image = levelled
         rays = pixel_rays(K, image.shape)
         rows = np.flatnonzero(np.isfinite(image))
         allowed = _check_mask(mask, image.shape)

@@ -25,9 +25,9 @@ def test_a_gain_of_the_depth_is_found_by_the_table(gain):
     assert depth_scale(depth, DEFAULT_INTRINSICS, POSE, 0.05) == pytest.approx(1 / gain, abs=1e-3)
 
 
-def test_without_a_table_nothing_is_changed():
-    assert depth_scale(np.full(DEFAULT_SHAPE, 0.2), DEFAULT_INTRINSICS, POSE, 0.05) == 1.0
-    assert depth_scale(np.zeros(DEFAULT_SHAPE), DEFAULT_INTRINSICS, POSE, 0.05) == 1.0
+def test_without_a_table_there_is_no_scale():
+    assert depth_scale(np.full(DEFAULT_SHAPE, 0.2), DEFAULT_INTRINSICS, POSE, 0.05) is None
+    assert depth_scale(np.zeros(DEFAULT_SHAPE), DEFAULT_INTRINSICS, POSE, 0.05) is None
     up = POSE.copy()
     up[:3, 1:3] *= -1
-    assert depth_scale(table_picture(), DEFAULT_INTRINSICS, up, 0.05) == 1.0
+    assert depth_scale(table_picture(), DEFAULT_INTRINSICS, up, 0.05) is None

@@ -44,8 +44,9 @@ def test_convolution_without_gradients_gives_the_same():
 
 def test_the_finest_map_has_the_coarser_ones_beside_it_where_they_belong():
     torch.manual_seed(0)
-    merge = CoarseVolume((3, 2, 4), 5)
-    maps = (DenseMap(torch.randn(2, 2, 2, 3), 0.04), DenseMap(torch.randn(3, 3, 3, 2), 0.02))
+    merge = CoarseVolume((6, 3, 2, 4), 5)
+    deepest = DenseMap(torch.randn(2, 2, 2, 6), 0.04)
+    maps = (deepest, DenseMap(torch.randn(2, 2, 2, 3), 0.04), DenseMap(torch.randn(3, 3, 3, 2), 0.02))
     finest = DenseMap(torch.randn(5, 5, 5, 4), 0.01)
     *coarser, joined = merge((*maps, finest))
     assert tuple(coarser) == maps

@@ -13,8 +13,8 @@ from icgnet.viewer.training_curves import PANELS, SMOOTHED, curves_figure, draw_
 def run(tmp_path):
     """A run of 40 logged minutes whose loss falls and that is validated twice."""
     lines = [{"kind": "train", "scenes": 100 * k, "elapsed_s": 60.0 * k, "loss": 40.0 - k} for k in range(40)]
-    for k, iou in ((20, 0.5), (39, 0.75)):
-        lines.append({"kind": "val", "scenes": 100 * k, "elapsed_s": 60.0 * k, "occupancy_scene_iou": iou})
+    for k, iou in ((39, 0.75), (20, 0.5)):
+        lines.insert(k + 1, {"kind": "val", "scenes": 100 * k, "elapsed_s": 60.0 * k, "occupancy_scene_iou": iou})
     folder = tmp_path / "first"
     folder.mkdir()
     (folder / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
@@ -46,11 +46,22 @@ def test_runs_share_a_picture_and_a_log_file_is_a_run(run, tmp_path):
         assert image.size[0] > image.size[1] > 300
 
 
+def test_what_a_resumed_run_did_again_is_drawn_once(run):
+    file = run / "metrics.jsonl"
+    again = [{"kind": "train", "scenes": 100 * k, "elapsed_s": 60.0 * k, "loss": 1.0} for k in (30, 31)]
+    file.write_text(file.read_text() + "".join(json.dumps(line) + "\n" for line in again))
+    places, losses = read_run(file).values("train", "loss", "minutes")
+    np.testing.assert_array_equal(places, np.arange(32))
+    assert list(losses[-3:]) == [11.0, 1.0, 1.0]
+    assert read_run(file).name == "first"
+
+
 def test_what_is_no_log_is_named(run, tmp_path):
     (tmp_path / "broken.jsonl").write_text('{"kind": "tr')
     (tmp_path / "other.jsonl").write_text('{"a": 1}\n')
+    (tmp_path / "words.jsonl").write_text('{"kind": "train", "scenes": 1, "elapsed_s": 1, "loss": "x"}\n')
     (tmp_path / "empty.jsonl").write_text("")
-    for name in ("broken.jsonl", "other.jsonl", "empty.jsonl", "absent.jsonl"):
+    for name in ("broken.jsonl", "other.jsonl", "words.jsonl", "empty.jsonl", "absent.jsonl"):
         with pytest.raises(DataError, match=name):
             read_run(tmp_path / name)
     with pytest.raises(InputError, match="no runs"):

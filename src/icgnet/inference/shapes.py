@@ -22,8 +22,13 @@ SIDE_PADDING = 0.04
 TOP_PADDING = 0.015
 """The same upwards [m]."""
 MESH_PITCH = 0.003
+LEVEL_POINTS = 512
+"""About so many of the seen points are asked for the level of the surface."""
 GRID_PITCH = 0.006
 """Pitch of the lattice that collision checking reads [m]; the clearance of a finger."""
+LEVEL_QUANTILE = 0.7
+LOWEST_LEVEL = -0.5
+"""The surface is drawn where the logits are as high as this quantile of them at seen points, but within this and 0."""
 OUTSIDE = -10.0
 """Logit where no shape is looked for."""
 RAY_STEP = 0.002
@@ -74,12 +79,25 @@ class Shape:
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
-        """Closed surface in the table frame [m]; empty if the network sees no shape."""
-        origin = self.instance.view.window.origin
+        """Closed surface in the table frame [m]; empty if the network sees no shape.
+
+        It is drawn at `level`, which is 0 for most objects.
+        """
+        level, origin = self.level, self.instance.view.window.origin
         resolution = int(np.ceil((self.upper - self.lower).max() / MESH_PITCH))
         box = (self.lower - origin, self.upper - origin)
-        mesh = extract_mesh(self._decode, *box, resolution, self.seen - origin)
+        mesh = extract_mesh(lambda points: self._decode(points) - level, *box, resolution, self.seen - origin)
         return mesh.apply_transform(make_transform(np.eye(3), origin)) if len(mesh.faces) else mesh
+
+    @cached_property
+    def level(self) -> float:
+        """The logit at which the surface is drawn: lower than 0 where the network doubts what was seen.
+
+        Nowhere in the thin wall of a cup the logit may reach 0, because nobody can tell where exactly the wall is; but
+        what was seen is there.
+        """
+        seen = float(np.quantile(self.logits(self.seen[:: max(1, len(self.seen) // LEVEL_POINTS)]), LEVEL_QUANTILE))
+        return min(0.0, max(LOWEST_LEVEL, seen))
 
     def widths(
         self, contacts: Float[np.ndarray, "c 3"], normals: Float[np.ndarray, "c 3"], limit: float

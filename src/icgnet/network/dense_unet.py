@@ -98,10 +98,10 @@ class CoarseVolume(nn.Module):
         """The maps of a scene, coarse to fine, the finest with more channels."""
         *coarser, finest = maps
         # Added level by level, so that only the sum is as large as the finest map.
-        total = self.project[0](coarser[0].features)
-        for project, level, before in zip(self.project[1:], coarser[1:], coarser, strict=False):
-            total = _repeat(total, round(before.pitch / level.pitch), level.features) + project(level.features)
-        total = _repeat(total, round(coarser[-1].pitch / finest.pitch), finest.features)
+        total: Tensor | float = 0.0
+        for project, level, finer in zip(self.project, coarser, maps[1:], strict=True):
+            total = _repeat(total + project(level.features), round(level.pitch / finer.pitch), finer.features)
+        assert isinstance(total, Tensor)
         return (*coarser, DenseMap(torch.cat([finest.features, total], 3), finest.pitch))
 
 
@@ -109,7 +109,7 @@ def _repeat(features: Float[Tensor, "x y z c"], factor: int, like: Tensor) -> Te
     """Every cell repeated along each axis, cut to the size of `like`."""
     (x, y, z, channels), (size_x, size_y, size_z) = features.shape, like.shape[:3]
     if factor == 1:
-        return features
+        return features[:size_x, :size_y, :size_z]
     apart = features[:, None, :, None, :, None].expand(x, factor, y, factor, z, factor, channels)
     return apart.reshape(x * factor, y * factor, z * factor, channels)[:size_x, :size_y, :size_z]
 

@@ -137,7 +137,13 @@ def count_grasps(
 
 
 def count_ranking(tally: Tally, scores: Float[Tensor, "n"], labels: Bool[Tensor, "n"]) -> None:
-    """Adds how well the best of a scene's grasps at seen contacts do, and whether any of them could have done well."""
+    """Adds how well the best of a scene's grasps do, and whether any succeeds, which bounds the best's precision.
+
+    Args:
+        tally: without a change where the scene has no grasps.
+        scores: of the grasps at seen contacts, probabilities.
+        labels: whether each trial succeeded.
+    """
     if len(scores) == 0:
         return
     ranked_scores, order = scores.sort(descending=True)
@@ -160,7 +166,6 @@ def summarise(tally: Tally) -> dict[str, float]:
         result["grasp_ece"] = reliability(scores, labels).error
         result["grasp_positive_share"] = float(labels.mean())
     _add_mean(result, "grasp_top1_precision", tally.top_1)
-    # Of scenes whose few labelled contacts on seen surfaces hold no success, nobody gets one.
     _add_mean(result, "grasp_top1_possible", tally.top_1_possible)
     _add_mean(result, "grasp_top1_score", tally.top_1_scores)
     _add_mean(result, "grasp_top50_precision", tally.top_50)

@@ -22,6 +22,7 @@ PANELS = (
     ("val", "class_accuracy", "class accuracy"),
 )
 """What is drawn: kind of line in the log, name of the value, and title."""
+LOG_FILE = "metrics.jsonl"
 COLUMNS = 3
 PANEL_INCHES = (4.2, 3.0)
 SMOOTHED = 15
@@ -48,20 +49,46 @@ class RunLog:
 
 
 def read_run(path: Path) -> RunLog:
-    """The log of a run folder, or a log file itself.
+    """The log of a run folder, or a log file itself, whose name is the run's.
+
+    What a run logged after the checkpoint that it later went on from is left out: it was done again.
 
     Raises:
         DataError: there is none, or it is damaged.
     """
-    file = path / "metrics.jsonl" if path.is_dir() else path
+    path = path.resolve()
+    file = path / LOG_FILE if path.is_dir() else path
     try:
-        lines = tuple(json.loads(line) for line in file.read_text().splitlines() if line.strip())
-        complete = all({"kind", "scenes", "elapsed_s"} <= line.keys() for line in lines)
-    except (OSError, ValueError, AttributeError) as error:
-        raise DataError(f"{file}: not the log of a training run ({error})") from error
-    if not lines or not complete:
-        raise DataError(f"{file}: not the log of a training run (a line has no kind, scenes or elapsed_s)")
-    return RunLog(path.name if path.is_dir() else path.stem, lines)
+        texts = [text for text in file.read_text().splitlines() if text.strip()]
+    except (OSError, ValueError) as error:
+        raise DataError(f"{file}: cannot be read ({error})") from error
+    if not texts:
+        raise DataError(f"{file}: the log of a training run has lines, this file has none")
+    lines: list[dict] = []
+    for number, text in enumerate(texts, 1):
+        line = _checked(text, f"{file}, line {number}")
+        while lines and _is_after(lines[-1], line):
+            lines.pop()
+        lines.append(line)
+    return RunLog(file.parent.name if file.name == LOG_FILE else file.stem, tuple(lines))
+
+
+def _is_after(line: dict, other: dict) -> bool:
+    same = line["scenes"] == other["scenes"] and line["kind"] == other["kind"]
+    return same or line["scenes"] > other["scenes"]
+
+
+def _checked(text: str, place: str) -> dict:
+    try:
+        line = json.loads(text)
+    except ValueError as error:
+        raise DataError(f"{place}: not JSON ({error})") from error
+    if not isinstance(line, dict) or not {"kind", "scenes", "elapsed_s"} <= line.keys():
+        raise DataError(f"{place}: a training run logs kind, scenes and elapsed_s, got {text[:80]}")
+    wrong = [name for name, value in line.items() if name != "kind" and not isinstance(value, int | float)]
+    if wrong:
+        raise DataError(f"{place}: {wrong[0]} must be a number, got {line[wrong[0]]!r}")
+    return line
 
 
 def draw_curves(runs: Sequence[RunLog], path: Path, over: Abscissa = "visits") -> None:
@@ -70,12 +97,17 @@ def draw_curves(runs: Sequence[RunLog], path: Path, over: Abscissa = "visits") -
     Raises:
         InputError: no runs.
     """
+    figure = curves_figure(runs, over)
     path.parent.mkdir(parents=True, exist_ok=True)
-    curves_figure(runs, over).savefig(path, dpi=100)
+    figure.savefig(path, dpi=100)
 
 
 def curves_figure(runs: Sequence[RunLog], over: Abscissa = "visits") -> Figure:
-    """One axes for each of `PANELS`, one line for each run."""
+    """One axes for each of `PANELS`, one line for each run.
+
+    Raises:
+        InputError: no runs.
+    """
     if not runs:
         raise InputError("no runs to draw")
     rows = -(-len(PANELS) // COLUMNS)

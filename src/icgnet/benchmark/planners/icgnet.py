@@ -15,7 +15,7 @@ def cloud_on_table(observation: Observation) -> PointCloud:
     """The observation's cloud; or that of the picture set right, if it shows the table at a wrong height."""
     view = (observation.intrinsics, observation.T_world_camera)
     depth = levelled_depth(observation.depth, *view, observation.table_height)
-    if depth is observation.depth:
+    if depth is None or depth is observation.depth:
         return observation.cloud
     points = without_lonely_points(points_above_table(depth, *view))
     return PointCloud(points, observation.T_world_camera[:3, 3], "world")
