@@ -62,6 +62,21 @@ def test_the_mesh_is_the_whole_ball_in_the_table_frame(shapes):
     np.testing.assert_allclose(np.linalg.norm(mesh.vertices - ORIGIN - CENTRES[0], axis=1), RADIUS, atol=2e-4)
 
 
+@pytest.mark.parametrize(("doubt", "level"), [(-1.0, 0.0), (0.0, 0.0), (0.3, -0.3), (4.0, -0.5)])
+def test_the_surface_goes_through_what_was_seen_where_the_network_doubts_it(tabletop, shapes, doubt, level):
+    class DoubtfulNetwork(BallNetwork):
+        def decode_occupancy(self, embedding, queries, points, stage=-1):
+            return super().decode_occupancy(embedding, queries, points, stage) - doubt
+
+    network = DoubtfulNetwork(NETWORKS["tiny"]).eval()
+    shape = Shape.around(network, shapes[0].instance, shapes[0].seen)
+    assert shape.level == pytest.approx(level, abs=1e-3)
+    # Logits fall by 0.2 a millimetre.
+    radius = RADIUS - (doubt + level) / 200.0
+    distances = np.linalg.norm(shape.mesh.vertices - ORIGIN - CENTRES[0], axis=1)
+    np.testing.assert_allclose(distances, radius, atol=4e-4)
+
+
 def test_the_lattice_agrees_with_the_network_near_the_surface(shapes):
     directions = np.random.default_rng(1).normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
