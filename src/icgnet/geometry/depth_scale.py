@@ -31,9 +31,9 @@ def levelled_depth(
         table_height: of the table plane in the world [m].
     """
     scale = depth_scale(depth, intrinsics, T_world_camera, table_height)
-    if scale is None or abs(scale - 1.0) < SMALLEST_ERROR:
-        return None if scale is None else depth
-    return scale * depth
+    if scale is None:
+        return None
+    return depth if abs(scale - 1.0) < SMALLEST_ERROR else scale * depth
 
 
 def depth_scale(

@@ -81,7 +81,7 @@ class Shape:
     def mesh(self) -> trimesh.Trimesh:
         """Closed surface in the table frame [m]; empty if the network sees no shape.
 
-        It is drawn at `level`, which is 0 for most objects.
+        It is drawn at `level`, which is 0 unless the network doubts what was seen.
         """
         level, origin = self.level, self.instance.view.window.origin
         resolution = int(np.ceil((self.upper - self.lower).max() / MESH_PITCH))
