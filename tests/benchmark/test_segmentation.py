@@ -12,6 +12,7 @@ from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
     SceneMasks,
+    Truth,
     compare_masks,
     label_overlaps,
     labelling,
@@ -26,8 +27,9 @@ def labels(**counts: int) -> np.ndarray:
     return np.concatenate([np.full(count, -1 if name == "none" else int(name[1:])) for name, count in counts.items()])
 
 
-def truth(points: np.ndarray, *classes: str) -> Labelling:
-    return Labelling(points, classes, np.ones(len(classes)))
+def truth(points: np.ndarray, *classes: str) -> Truth:
+    names = tuple(f"object_{index}" for index in range(len(classes)))
+    return Truth(points, names, classes, (None,) * len(classes))
 
 
 def found(points: np.ndarray, *objects: tuple[str, float]) -> Labelling:
@@ -89,6 +91,19 @@ def test_a_wrong_class_costs_class_quality_only(perfect):
     both = summarise([perfect, wrong])
     assert both.class_accuracy.mean == pytest.approx(75.0)
     assert both.class_accuracy.std == pytest.approx(25.0)
+
+
+def test_the_class_that_an_object_could_have_had_as_well_counts_apart():
+    points = labels(a0=100, b1=200, c2=300)
+    real = replace(truth(points, "cylindric", "box", "mug"), alternatives=("can", "can", None))
+    numbers = summarise([compare_masks(0, found(points, ("can", 0.9), ("ball", 0.8), ("mug", 0.7)), real)])
+    assert numbers.class_accuracy.mean == pytest.approx(100 / 3)
+    assert numbers.class_accuracy_alternative.mean == pytest.approx(200 / 3)
+
+
+def test_answers_are_counted_by_object(perfect):
+    missed = compare_masks(1, found(labels(none=100)), truth(labels(a0=100), "box"))
+    assert summarise([perfect, missed]).by_object == {"object_0": {"box": 1, "missed": 1}, "object_1": {"mug": 1}}
 
 
 def test_noise_points_and_hardly_seen_objects_are_not_asked_for():

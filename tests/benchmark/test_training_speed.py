@@ -2,6 +2,8 @@
 
 import itertools
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
@@ -39,7 +41,9 @@ def scenes(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def speed(scenes) -> TrainingSpeed:
-    return measure_training([scenes], ["procedural"], TINY, 3)
+    speed = measure_training([scenes], ["procedural"], TINY, 3)
+    assert speed is not None
+    return speed
 
 
 def test_a_part_interrupts_the_one_around_it_and_the_parts_are_the_whole():
@@ -57,7 +61,7 @@ def test_every_part_of_a_step_takes_time_and_together_they_are_the_step(speed):
     assert sum(times.p90 for times in speed.parts_ms.values()) >= speed.step_ms.p10
     assert 1e3 / speed.step_ms.p90 <= 1.2 * speed.scenes_per_second
     assert 0 < speed.waiting_share < 1
-    assert (speed.steps, speed.batch, speed.threads) == (3, 2, 1)
+    assert (speed.steps, speed.batch, speed.threads, speed.processes) == (3, 2, 1, 1)
 
 
 def test_the_loader_has_a_process_of_its_own_even_if_the_preset_has_none(speed):
@@ -123,6 +127,19 @@ def test_the_command_prints_the_parts_and_writes_a_report(scenes, tmp_path, caps
     assert report["flops"]["total"] > 0
     assert report["batch"] == 1
     assert report["settings"]["network"] == "tiny"
+
+
+@pytest.mark.slow
+def test_the_scenes_of_all_processes_are_counted_and_the_first_alone_reports(scenes, tmp_path):
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    command = ["-m", "icgnet.cli.main", "--", "benchmark", "training-speed", "--preset", "tiny", "--steps", "2"]
+    options = ["--batch", "1", "--data", str(scenes), "--out", str(tmp_path)]
+    done = subprocess.run([*launch, *command, *options], check=True, timeout=300, stdout=subprocess.PIPE, text=True)
+    assert done.stdout.count("scenes a second") == 1
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["processes"] == 2
+    # Steps take about as long in both, so one process alone would have done about half.
+    assert report["scenes_per_second"] > 1.2 * 1e3 / report["step_ms"]["p90"]
 
 
 def test_a_folder_without_scenes_is_one_line(capsys):

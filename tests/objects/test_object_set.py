@@ -8,7 +8,7 @@ import pytest
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.signed_distance import PITCH
 from icgnet.objects.base import cache_directory
-from icgnet.objects.classes import CLASSES, VGN_CLASSES, VGN_VAL, class_index, read_classes
+from icgnet.objects.classes import CLASSES, VGN_CLASSES, VGN_VAL, class_index, read_alternatives, read_classes
 from icgnet.objects.object_set import KINDS, SPLITS, load_object_set, warm_cache
 
 
@@ -53,6 +53,22 @@ def test_wrong_class_list_is_refused(urdf_folder: Path):
         load_object_set(urdf_folder)
     (urdf_folder / "classes.json").write_text("[1")
     with pytest.raises(DataError, match=r"classes\.json"):
+        load_object_set(urdf_folder)
+
+
+def test_a_class_list_may_name_the_class_that_an_object_could_have_had_as_well(urdf_folder: Path):
+    path = urdf_folder / "classes.json"
+    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left; alternative: cylindric"}}')
+    objects = load_object_set(urdf_folder)
+    assert objects.class_alternative("packed/cup") == "cylindric"
+    assert objects.class_alternative("packed/tin") is None
+    with pytest.raises(InputError, match="saucer"):
+        objects.class_alternative("packed/saucer")
+    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left"}}')
+    with pytest.raises(DataError, match=r"'cup' must end with \"alternative: CLASS\""):
+        load_object_set(urdf_folder)
+    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left; alternative: beaker"}}')
+    with pytest.raises(DataError, match="'cup' has class 'beaker'"):
         load_object_set(urdf_folder)
 
 
@@ -104,6 +120,9 @@ def test_shipped_vgn_lists_are_consistent():
     classes = read_classes(VGN_CLASSES)
     assert len(classes) == 343
     assert set(VGN_VAL.read_text().split()) <= classes.keys()
+    alternatives = read_alternatives(VGN_CLASSES)
+    assert alternatives["campbells_chicken_noodle_soup"] == "can"
+    assert all(classes[name] != other for name, other in alternatives.items())
 
 
 class TestVgn:

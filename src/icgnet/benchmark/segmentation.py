@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from icgnet.benchmark.pictures import Picture
 from icgnet.benchmark.statistics import Spread, mean_or_none, spread
-from icgnet.benchmark.true_shapes import NO_OBJECT
+from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.classes import CLASSES
 from icgnet.predictor import Predictor
@@ -27,12 +27,12 @@ SAME = 0.5
 
 @dataclass(frozen=True)
 class Labelling:
-    """An answer about the points of a cloud, or the truth.
+    """An answer about the points of a cloud.
 
     Attributes:
         labels: index of the object of every point, -1 for none.
         classes: class of each object.
-        scores: how sure each object is; 1 for the truth.
+        scores: how sure each object is.
     """
 
     labels: Int[np.ndarray, "n"]
@@ -41,10 +41,34 @@ class Labelling:
 
 
 @dataclass(frozen=True)
+class Truth:
+    """What the points of a cloud really lie on.
+
+    Attributes:
+        labels: index of the object of every point, `NO_OBJECT` where none is near.
+        names: key of each object in its set.
+        classes: class of each object.
+        alternatives: the class that it could have had as well, by those who labelled it; None where it is clear.
+    """
+
+    labels: Int[np.ndarray, "n"]
+    names: tuple[str, ...]
+    classes: tuple[str, ...]
+    alternatives: tuple[str | None, ...]
+
+    @staticmethod
+    def of(shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "Truth":
+        """The truth about points of a scene, world frame [m]."""
+        return Truth(shapes.owners(points), shapes.names, shapes.classes, shapes.class_alternatives)
+
+
+@dataclass(frozen=True)
 class Match:
     """A true object and the predicted one that is the same."""
 
+    name: str
     true_class: str
+    alternative: str | None
     predicted_class: str
     iou: float
 
@@ -59,6 +83,7 @@ class SceneMasks:
         detections: score and overlap of each predicted object, 0 if its object is taken.
         matches: the pairs of objects that are the same.
         missed: classes of the other true objects.
+        missed_names: their keys.
         invented: classes of the other predicted objects.
     """
 
@@ -67,6 +92,7 @@ class SceneMasks:
     detections: tuple[tuple[float, float], ...]
     matches: tuple[Match, ...]
     missed: tuple[str, ...]
+    missed_names: tuple[str, ...]
     invented: tuple[str, ...]
 
 
@@ -83,6 +109,8 @@ class SegmentationNumbers:
         rq: F1 of finding objects.
         class_pq: panoptic quality where a match must have the right class, mean over the classes.
         class_accuracy: share of the matches with the right class.
+        class_accuracy_alternative: the same, where the class that an object could have had as well is right, too.
+        by_object: number of times that each object was told to be of a class, or missed.
         confusion: number of objects by true class, then by predicted one; "missed" and "invented" have no partner.
         scenes: with at least one object to find.
         objects: to find.
@@ -96,6 +124,8 @@ class SegmentationNumbers:
     rq: Spread | None
     class_pq: Spread | None
     class_accuracy: Spread | None
+    class_accuracy_alternative: Spread | None
+    by_object: dict[str, dict[str, int]]
     confusion: dict[str, dict[str, int]]
     scenes: int
     objects: int
@@ -125,9 +155,8 @@ def score_masks(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[S
         prediction = picture.predict(predictor)
         if prediction is None:
             continue
-        owners = picture.truth.owners(prediction.cloud.points)
-        truth = Labelling(owners, picture.truth.classes, np.ones(len(picture.truth)))
-        if visible_objects(owners, len(picture.truth)).any():
+        truth = Truth.of(picture.truth, prediction.cloud.points)
+        if visible_objects(truth.labels, len(picture.truth)).any():
             yield compare_masks(picture.index, labelling(prediction), truth)
 
 
@@ -140,7 +169,7 @@ def labelling(prediction: Prediction) -> Labelling:
     )
 
 
-def compare_masks(index: int, predicted: Labelling, truth: Labelling) -> SceneMasks:
+def compare_masks(index: int, predicted: Labelling, truth: Truth) -> SceneMasks:
     """Compares the objects of one scene.
 
     Predicted objects that lie on points without a true object, or on those of objects that are not asked for, by more
@@ -149,7 +178,7 @@ def compare_masks(index: int, predicted: Labelling, truth: Labelling) -> SceneMa
     Args:
         index: number of the scene.
         predicted: by the network.
-        truth: `NO_OBJECT` where no object is near.
+        truth: about the same points.
     """
     asked = np.flatnonzero(visible_objects(truth.labels, len(truth.classes)))
     owners = np.where(np.isin(truth.labels, asked), truth.labels, NO_OBJECT)
@@ -158,8 +187,16 @@ def compare_masks(index: int, predicted: Labelling, truth: Labelling) -> SceneMa
     # More than half of both: no other pair can have one of the two.
     pairs = np.argwhere(overlaps > SAME)
     matches = tuple(
-        Match(truth.classes[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in pairs
+        Match(
+            truth.names[asked[i]],
+            truth.classes[asked[i]],
+            truth.alternatives[asked[i]],
+            predicted.classes[found[p]],
+            float(overlaps[p, i]),
+        )
+        for p, i in pairs
     )
+    missed = np.delete(asked, pairs[:, 1])
     tally = Tally()
     masks = torch.from_numpy((predicted.labels == found[:, None]) & (owners >= 0))
     count_masks(tally, (masks, torch.from_numpy(predicted.scores[found])), torch.from_numpy(owners == asked[:, None]))
@@ -168,7 +205,8 @@ def compare_masks(index: int, predicted: Labelling, truth: Labelling) -> SceneMa
         tuple(tally.mask_ious),
         tuple(tally.detections),
         matches,
-        missed=tuple(truth.classes[k] for k in np.delete(asked, pairs[:, 1])),
+        missed=tuple(truth.classes[k] for k in missed),
+        missed_names=tuple(truth.names[k] for k in missed),
         invented=tuple(predicted.classes[k] for k in np.delete(found, pairs[:, 0])),
     )
 
@@ -195,6 +233,8 @@ def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
         rq=percent(lambda some: panoptic_quality(some)[2]),
         class_pq=percent(class_panoptic_quality),
         class_accuracy=percent(_class_accuracy),
+        class_accuracy_alternative=percent(_class_accuracy_alternative),
+        by_object=by_object(scenes),
         confusion=confusion(scenes),
         scenes=len(scenes),
         objects=sum(len(each.best_ious) for each in scenes),
@@ -237,6 +277,21 @@ def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, floa
 
 def _class_accuracy(scenes: Sequence[SceneMasks]) -> float | None:
     return mean_or_none([float(m.true_class == m.predicted_class) for each in scenes for m in each.matches])
+
+
+def _class_accuracy_alternative(scenes: Sequence[SceneMasks]) -> float | None:
+    matches = [match for each in scenes for match in each.matches]
+    return mean_or_none([float(m.predicted_class in (m.true_class, m.alternative)) for m in matches])
+
+
+def by_object(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
+    """How often each object, by its key, was told to be of a class, or missed."""
+    answers = [(match.name, match.predicted_class) for each in scenes for match in each.matches]
+    answers += [(name, "missed") for each in scenes for name in each.missed_names]
+    table: dict[str, dict[str, int]] = {name: {} for name in sorted({name for name, _ in answers})}
+    for name, answer in answers:
+        table[name][answer] = table[name].get(answer, 0) + 1
+    return table
 
 
 def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:

@@ -24,7 +24,7 @@ from icgnet.training.config import TrainingConfig
 from icgnet.training.loop import Trainer
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
-from icgnet.training.processes import join_processes
+from icgnet.training.processes import join_processes, total
 from icgnet.training.sample import Sample
 
 WAITING, SURFACE, DENSE, QUERIES = "waiting for the loader", "surface U-Net", "dense U-Net", "tokens and refinement"
@@ -90,14 +90,15 @@ class TrainingSpeed:
         parts_ms: of each of `PARTS`, per scene.
         step_ms: of whole steps, waiting included, per scene.
         loader: of making samples in one process that does nothing else, while nothing trains.
-        scenes_per_second: trained, with the loader in processes of its own.
+        scenes_per_second: trained by all processes together, with the loaders in processes of their own.
         waiting_share: of the time that was spent waiting for it. The first steps find samples prepared, so few steps
             flatter a loader that is too slow.
         flops: counted, not timed.
         steps: that were timed.
-        batch: scenes per step.
-        threads: CPU threads of the computation.
-        workers: loader processes.
+        batch: scenes per step, in each process that trains.
+        threads: CPU threads of the computation, in each process that trains.
+        workers: loader processes, of each process that trains.
+        processes: that train together.
         device: of the network.
     """
 
@@ -111,6 +112,7 @@ class TrainingSpeed:
     batch: int
     threads: int
     workers: int
+    processes: int
     device: str
 
 
@@ -187,8 +189,11 @@ class MeteredLoss(TrainingLoss):
 
 def measure_training(
     data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig, steps: int
-) -> TrainingSpeed:
+) -> TrainingSpeed | None:
     """Trains for some steps from the beginning, as `icgnet train` does, and keeps nothing of it.
+
+    Processes that `torchrun` started train together; what the parts take is measured in the first of them, and only it
+    returns the numbers, the others None.
 
     Args:
         data: folders of recipes.
@@ -220,17 +225,21 @@ def measure_training(
     timed = [_metered_step(trainer, batches, meter) for _ in range(steps)]
     seconds = sum(sum(parts.values()) for parts in timed)
     per_scene = 1e3 / config.batch
+    scenes_per_second = float(total(fabric, torch.tensor(steps * config.batch / seconds, dtype=torch.float64)))
+    if not fabric.is_global_zero:
+        return None
     return TrainingSpeed(
         parts_ms={part: Times.of([per_scene * parts.get(part, 0.0) for parts in timed]) for part in PARTS},
         step_ms=Times.of([per_scene * sum(parts.values()) for parts in timed]),
         loader=loader,
-        scenes_per_second=steps * config.batch / seconds,
+        scenes_per_second=scenes_per_second,
         waiting_share=sum(parts[WAITING] for parts in timed) / seconds,
         flops=flops,
         steps=steps,
         batch=config.batch,
         threads=torch.get_num_threads(),
         workers=config.workers,
+        processes=fabric.world_size,
         device=str(fabric.device),
     )
 

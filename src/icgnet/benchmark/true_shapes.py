@@ -33,7 +33,17 @@ class TrueShapes:
     @property
     def classes(self) -> tuple[str, ...]:
         """Class of each object."""
-        return tuple(self._object_set.class_name(placed.name) for placed in self.scene.objects)
+        return tuple(self._object_set.class_name(name) for name in self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Key of each object in its set."""
+        return tuple(placed.name for placed in self.scene.objects)
+
+    @property
+    def class_alternatives(self) -> tuple[str | None, ...]:
+        """The class that each object could have had as well."""
+        return tuple(self._object_set.class_alternative(name) for name in self.names)
 
     @cached_property
     def meshes(self) -> tuple[trimesh.Trimesh, ...]:

@@ -249,6 +249,7 @@ def _segmentation_table(numbers: "SegmentationNumbers") -> Table:
         "  recognition quality": numbers.rq,
         "panoptic quality, right class": numbers.class_pq,
         "class accuracy of the matches": numbers.class_accuracy,
+        "  or the class that the labels name as alternative": numbers.class_accuracy_alternative,
     }
     for label, value in labels.items():
         table.add_row(label, *_cells(value))

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Speed:
-    """Where the time of a training step goes, how many scenes a second are trained, and the FLOPs of a scene."""
+    """Where the time of a training step goes, how many scenes a second are trained, and the FLOPs of a scene.
+
+    Started by torchrun, all processes train together.
+    """
 
     data: tuple[Path, ...]
     """Folders that `icgnet generate` wrote."""
@@ -29,7 +32,7 @@ class Speed:
     network: Literal["tiny", "default", "paper"] | None = None
     """Network in place of the preset's."""
     batch: int | None = None
-    """Scenes per step in place of the preset's."""
+    """Scenes per step, in each process, in place of the preset's."""
     threads: int | None = None
     """CPU threads in place of the preset's."""
     seed: int = 0
@@ -47,6 +50,8 @@ class Speed:
 
         config = self._config()
         speed = measure_training(self.data, self.objects, config, self.steps)
+        if speed is None:
+            return
         console = Console()
         console.print(_table(speed, f"a training step of preset '{self.preset}', network '{config.network}'"))
         console.print(_speed_lines(speed, config.bfloat16), soft_wrap=True)
@@ -57,6 +62,7 @@ class Speed:
             "preset": self.preset,
             "network": config.network,
             "bfloat16": config.bfloat16,
+            "common_statistics": config.common_statistics,
             "seed": self.seed,
         }
         write_report(self.out, {"benchmark": "training-speed", **asdict(speed), "settings": settings})
@@ -90,8 +96,8 @@ def _cells(times: "Times") -> tuple[str, str]:
 def _speed_lines(speed: "TrainingSpeed", bfloat16: bool) -> str:
     loader, bits = speed.loader, "U-Nets in bfloat16" if bfloat16 else "float32"
     return (
-        f"{speed.scenes_per_second:.2f} scenes a second over {speed.steps} steps of {speed.batch}; {bits}; "
-        f"{speed.device}, {speed.threads} threads, {origin().processor}\n"
+        f"{speed.scenes_per_second:.2f} scenes a second over {speed.steps} steps of {speed.batch} in each of "
+        f"{speed.processes} processes; {bits}; {speed.device}, {speed.threads} threads, {origin().processor}\n"
         f"loader: {loader.median_ms:.0f} ms a scene ({loader.p10_ms:.0f} to {loader.p90_ms:.0f}) in a process of its "
         f"own; with {speed.workers} of them, {100 * speed.waiting_share:.0f} % of the time is waiting"
     )

@@ -36,6 +36,8 @@ class Train:
     """Network in place of the preset's."""
     batch: int | None = None
     """Scenes per step, in each process, in place of the preset's."""
+    common_statistics: bool | None = None
+    """Whether processes share the statistics of their batches, in place of the preset's."""
     learning_rate: float | None = None
     """Learning rate after the warm-up in place of the preset's."""
     threads: int | None = None
@@ -58,7 +60,8 @@ class Train:
         from icgnet.training.config import TRAININGS
         from icgnet.training.loop import train
 
-        given = {name: getattr(self, name) for name in ("network", "batch", "learning_rate", "threads", "workers")}
+        names = ("network", "batch", "common_statistics", "learning_rate", "threads", "workers")
+        given = {name: getattr(self, name) for name in names}
         changes = {name: value for name, value in given.items() if value is not None}
         if self.minutes is not None or self.steps is not None:
             changes |= {"minutes": self.minutes, "steps": self.steps}

@@ -60,6 +60,15 @@ class ObjectSet(ABC):
             InputError: there is no such object.
         """
 
+    def class_alternative(self, key: str) -> str | None:
+        """Returns the class that an object could have had as well, None where its class is clear or nothing is known.
+
+        Raises:
+            InputError: there is no such object.
+        """
+        self.class_name(key)
+        return None
+
     @abstractmethod
     def fingerprint(self, key: str) -> str:
         """Returns a short hash that is another one when the object's class or geometry may have changed.
@@ -116,6 +125,7 @@ class ObjectFile:
     class_name: str
     kinds: tuple[Kind, ...]
     split: Split
+    class_alternative: str | None = None
 
 
 class FileObjectSet(ObjectSet):
@@ -153,6 +163,10 @@ class FileObjectSet(ObjectSet):
     def class_name(self, key: str) -> str:
         """Returns an object's class without loading it."""
         return self.file(key).class_name
+
+    def class_alternative(self, key: str) -> str | None:
+        """Returns the class that an object could have had as well, None where its class is clear."""
+        return self.file(key).class_alternative
 
     def file(self, key: str) -> ObjectFile:
         """Returns where an object comes from.

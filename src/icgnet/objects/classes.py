@@ -1,6 +1,7 @@
 """The seven object classes, and where the class of an object is written down."""
 
 import json
+import re
 from pathlib import Path
 
 from icgnet.errors import DataError, InputError
@@ -36,6 +37,23 @@ def read_classes(path: Path) -> dict[str, str]:
         raise DataError(f"cannot read the object classes in {path}: {error}") from error
     mapping = content.get("objects", content) if isinstance(content, dict) else content
     return check_classes(mapping, path)
+
+
+def read_alternatives(path: Path) -> dict[str, str]:
+    """Returns object name -> the class that it could have had as well, of a `classes.json`.
+
+    They stand under the key "uncertain", each at the end of a sentence: "a jar, neck 0.82; alternative: bottle".
+
+    Raises:
+        DataError: an entry does not end so, or with an unknown class.
+    """
+    content = json.loads(path.read_text())
+    uncertain = content.get("uncertain", {}) if isinstance(content, dict) else {}
+    found = {name: re.search(r"alternative: (\w+)$", str(why)) for name, why in uncertain.items()}
+    for name, match in found.items():
+        if match is None:
+            raise DataError(f'{path}: uncertain object {name!r} must end with "alternative: CLASS"')
+    return check_classes({name: match[1] for name, match in found.items() if match}, path)
 
 
 def check_classes(mapping: object, path: Path) -> dict[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from icgnet.errors import DataError
 from icgnet.objects.base import KINDS, FileObjectSet, Kind, ObjectFile, Split, doubles
-from icgnet.objects.classes import VGN_CLASSES, VGN_VAL, read_classes
+from icgnet.objects.classes import VGN_CLASSES, VGN_VAL, read_alternatives, read_classes
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.urdf import read_urdf_object
 
@@ -25,9 +25,8 @@ class UrdfObjectSet(FileObjectSet):
         paths = urdf_paths(directory)
         if not paths:
             raise DataError(f"{directory}: no packed/{{train,test}}/*.urdf or pile/{{train,test}}/*.urdf found")
-        vgn_classes = read_classes(VGN_CLASSES)
-        is_vgn = {path.stem for path in paths} <= vgn_classes.keys()
-        classes = _classes(directory, vgn_classes if is_vgn else {})
+        is_vgn = {path.stem for path in paths} <= read_classes(VGN_CLASSES).keys()
+        classes, alternatives = _classes(directory, is_vgn)
         held_out = _held_out(directory, is_vgn)
         files: dict[str, ObjectFile] = {}
         copies = Counter(object_key(path) for path in paths)
@@ -36,7 +35,10 @@ class UrdfObjectSet(FileObjectSet):
                 continue
             kind: Kind = "packed" if path.parent.parent.name == "packed" else "pile"
             split: Split = "test" if path.parent.name == "test" else "val" if path.stem in held_out else "train"
-            files[object_key(path)] = ObjectFile(path, classes.get(path.stem, "other"), (kind,), split)
+            name = path.stem
+            files[object_key(path)] = ObjectFile(
+                path, classes.get(name, "other"), (kind,), split, alternatives.get(name)
+            )
         super().__init__("vgn" if is_vgn else directory.resolve().name, files, left_out=doubles(copies))
 
     def _load(self, key: str) -> ObjectModel:
@@ -56,9 +58,14 @@ def urdf_paths(directory: Path) -> list[Path]:
     )
 
 
-def _classes(directory: Path, default: dict[str, str]) -> dict[str, str]:
+def _classes(directory: Path, is_vgn: bool) -> tuple[dict[str, str], dict[str, str]]:
+    """Classes by name, and those that some of the objects could have had as well."""
     path = directory / "classes.json"
-    return read_classes(path) if path.is_file() else default
+    if not path.is_file():
+        if not is_vgn:
+            return {}, {}
+        path = VGN_CLASSES
+    return read_classes(path), read_alternatives(path)
 
 
 def _held_out(directory: Path, is_vgn: bool) -> set[str]:

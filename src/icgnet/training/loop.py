@@ -146,7 +146,7 @@ class Trainer:
             self.network.load_state_dict(load_weights(start, NETWORKS[config.network])[0].state_dict())
         # The optimiser puts its state where the weights are when a checkpoint is restored.
         self.network.to(fabric.device)
-        if fabric.world_size > 1:
+        if fabric.world_size > 1 and config.common_statistics:
             synchronise_statistics(self.network)
         self.average = WeightAverage(self.network, config.average_decay)
         optimizer = make_optimizer(self.network, config)
