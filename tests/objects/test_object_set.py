@@ -64,6 +64,9 @@ def test_a_class_list_may_name_the_class_that_an_object_could_have_had_as_well(u
     assert objects.class_alternative("packed/tin") is None
     with pytest.raises(InputError, match="saucer"):
         objects.class_alternative("packed/saucer")
+    path.write_text('{"objects": {"cup": "mug"}, "uncertain": ["cup"]}')
+    with pytest.raises(DataError, match=r'"uncertain" must map .* found list'):
+        load_object_set(urdf_folder)
     path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left"}}')
     with pytest.raises(DataError, match=r"'cup' must end with \"alternative: CLASS\""):
         load_object_set(urdf_folder)

@@ -37,7 +37,6 @@ SCORES = {
     "pq": "panoptic quality, any class",
     "class_pq": "panoptic quality, right class",
     "class_accuracy": "class accuracy of matches",
-    "class_accuracy_alternative": "the same, or the labels' alternative",
 }
 
 

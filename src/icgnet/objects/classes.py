@@ -48,7 +48,9 @@ def read_alternatives(path: Path) -> dict[str, str]:
         DataError: an entry does not end so, or with an unknown class.
     """
     content = json.loads(path.read_text())
-    uncertain = content.get("uncertain", {}) if isinstance(content, dict) else {}
+    uncertain = content.get("uncertain", {}) if isinstance(content, dict) and "objects" in content else {}
+    if not isinstance(uncertain, dict):
+        raise DataError(f'{path}: "uncertain" must map object names to sentences, found {type(uncertain).__name__}')
     found = {name: re.search(r"alternative: (\w+)$", str(why)) for name, why in uncertain.items()}
     for name, match in found.items():
         if match is None:

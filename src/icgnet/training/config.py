@@ -103,7 +103,7 @@ class TrainingConfig:
         minutes: training time of the run, summed over its legs [min].
         batch: scenes per optimiser step, in each process that trains.
         common_statistics: batch normalisation takes its statistics over the scenes of all processes, as one process
-            with all of them would; otherwise each process over its own, which on processors is twice as fast.
+            with all of them would; otherwise each process over its own, without waiting for the others in every layer.
         optimizer: "muon", or "adamw" (published).
         learning_rate: after the warm-up.
         final_learning_rate: at the end of the cosine, as a fraction of `learning_rate`.
@@ -236,6 +236,7 @@ def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
         before, now = _flatten(json.loads(path.read_text())), _flatten(json.loads(text))
         # Folders from before several processes could train do not say it.
         before.setdefault("scenes_per_step", before.get("training.batch"))
+        before.setdefault("training.common_statistics", now.get("training.common_statistics"))
         keys = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
         changes = {key: f"{key}: {before.get(key)} there, {now.get(key)} now" for key in keys}
         forbidden = [change for key, change in changes.items() if key not in INDIFFERENT]
