@@ -1,8 +1,8 @@
 """Trains on the small world of `shape_scenes`, alone or as one of the processes of `torchrun`.
 
-    torchrun --nproc-per-node=2 tests/train_together.py DATA BATCH OUT LEG_STEPS [OUT LEG_STEPS ...]
+    torchrun --nproc-per-node=2 tests/train_together.py DATA BATCH [OUT LEG_STEPS STATISTICS ...]
 
-Trains in every folder for so many steps; 0 goes on to the end.
+Trains in every folder for so many steps (0 goes on to the end), with "common" statistics or with each process's "own".
 """
 
 import sys
@@ -20,11 +20,12 @@ from shape_scenes import ShapeSet
 STEPS = 6
 
 
-def configuration(batch: int) -> TrainingConfig:
+def configuration(batch: int, common_statistics: bool = True) -> TrainingConfig:
     """A short run of preset `tiny` in float32."""
     return replace(
         TRAININGS["tiny"],
         batch=batch,
+        common_statistics=common_statistics,
         steps=STEPS,
         sampling=Sampling(occupancy_points=64, contacts=8, half_resolution=1.0),
         log_seconds=0.0,
@@ -46,9 +47,9 @@ def prepare(patch: pytest.MonkeyPatch) -> None:
 if __name__ == "__main__":
     prepare(pytest.MonkeyPatch())
     data, batch, *runs = sys.argv[1:]
-    for out, leg_steps in zip(runs[::2], runs[1::2], strict=True):
+    for out, leg_steps, statistics in zip(runs[::3], runs[1::3], runs[2::3], strict=True):
         train(
-            configuration(int(batch)),
+            configuration(int(batch), statistics == "common"),
             [Path(data)],
             Path(out),
             ["shapes"],

@@ -12,6 +12,7 @@ from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
     SceneMasks,
+    TrueObject,
     Truth,
     compare_masks,
     label_overlaps,
@@ -28,8 +29,7 @@ def labels(**counts: int) -> np.ndarray:
 
 
 def truth(points: np.ndarray, *classes: str) -> Truth:
-    names = tuple(f"object_{index}" for index in range(len(classes)))
-    return Truth(points, names, classes, (None,) * len(classes))
+    return Truth(points, tuple(TrueObject(f"object_{index}", name) for index, name in enumerate(classes)))
 
 
 def found(points: np.ndarray, *objects: tuple[str, float]) -> Labelling:
@@ -94,9 +94,11 @@ def test_a_wrong_class_costs_class_quality_only(perfect):
 
 
 def test_the_class_that_an_object_could_have_had_as_well_counts_apart():
-    points = labels(a0=100, b1=200, c2=300)
-    real = replace(truth(points, "cylindric", "box", "mug"), alternatives=("can", "can", None))
-    numbers = summarise([compare_masks(0, found(points, ("can", 0.9), ("ball", 0.8), ("mug", 0.7)), real)])
+    points = labels(a0=FEWEST_POINTS - 1, b1=100, c2=200, d3=300)  # the first one is hardly seen, so not asked for
+    real = (("hidden", "ball"), ("tub", "cylindric", "can"), ("tin", "box", "can"), ("cup", "mug"))
+    answer = found(points, ("ball", 0.9), ("can", 0.9), ("ball", 0.8), ("mug", 0.7))
+    numbers = summarise([compare_masks(0, answer, Truth(points, tuple(TrueObject(*each) for each in real)))])
+    assert numbers.by_object == {"cup": {"mug": 1}, "tin": {"ball": 1}, "tub": {"can": 1}}
     assert numbers.class_accuracy.mean == pytest.approx(100 / 3)
     assert numbers.class_accuracy_alternative.mean == pytest.approx(200 / 3)
 

@@ -67,11 +67,14 @@ def test_a_class_list_may_name_the_class_that_an_object_could_have_had_as_well(u
     path.write_text('{"objects": {"cup": "mug"}, "uncertain": ["cup"]}')
     with pytest.raises(DataError, match=r'"uncertain" must map .* found list'):
         load_object_set(urdf_folder)
+    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cap": "no handle left; alternative: cylindric"}}')
+    with pytest.raises(DataError, match="'cap' is not among the"):
+        load_object_set(urdf_folder)
     path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left"}}')
     with pytest.raises(DataError, match=r"'cup' must end with \"alternative: CLASS\""):
         load_object_set(urdf_folder)
     path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left; alternative: beaker"}}')
-    with pytest.raises(DataError, match="'cup' has class 'beaker'"):
+    with pytest.raises(DataError, match="'cup' has the alternative 'beaker'; the classes are mug, box"):
         load_object_set(urdf_folder)
 
 

@@ -55,31 +55,35 @@ class Runs:
     alone: Path
     together: Path
     legs: Path
+    own: Path
     second_node: Path
     said: str
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Runs:
-    """One process of batch 4; two of batch 2 without a stop; two of batch 2 that stop after three steps and go on.
+    """One process of batch 4; two of batch 2 without a stop; two of batch 2 that stop after three steps and go on; two
+    of batch 2 that do a step with statistics of their own.
 
     Those that go on are on two nodes, of which the second has a folder of its own.
     """
     folder = tmp_path_factory.mktemp("runs")
-    data, alone, together, legs, second = (folder / name for name in ("data", "alone", "together", "legs", "second"))
+    names = ("data", "alone", "together", "legs", "own", "second")
+    data, alone, together, legs, own, second = (folder / name for name in names)
     write_recipes(data)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ICGNET_CACHE", str(folder / "cache"))
         train_together.prepare(patch)
         train(train_together.configuration(4), [data], alone, ["shapes"], accelerator="cpu")
-        said = output_of(torchrun(["--standalone", "--nproc-per-node=2"], data, 2, together, 0, legs, 3))
+        three = (together, 0, "common", legs, 3, "common", own, 1, "own")
+        said = output_of(torchrun(["--standalone", "--nproc-per-node=2"], data, 2, *three))
         assert curve_of(legs)[-1]["step"] == 3
         nodes = ["--nnodes=2", "--nproc-per-node=1", "--master-addr=127.0.0.1", f"--master-port={free_port()}"]
         said += output_of(
-            torchrun([*nodes, "--node-rank=0"], data, 2, legs, 0),
-            torchrun([*nodes, "--node-rank=1"], data, 2, second, 0),
+            torchrun([*nodes, "--node-rank=0"], data, 2, legs, 0, "common"),
+            torchrun([*nodes, "--node-rank=1"], data, 2, second, 0, "common"),
         )
-    return Runs(alone, together, legs, second, said)
+    return Runs(alone, together, legs, own, second, said)
 
 
 def curve_of(out: Path) -> list[dict[str, float]]:
@@ -102,6 +106,17 @@ def test_two_processes_of_batch_2_have_the_loss_curve_of_one_of_batch_4(runs):
     for one, two in zip(alone, together, strict=True):
         assert two.pop("gradient_norm") == pytest.approx(one.pop("gradient_norm"), rel=NORM_TOLERANCE)
         assert two == pytest.approx(one, rel=CURVE_TOLERANCE)
+
+
+@pytest.mark.slow
+def test_statistics_of_each_process_are_not_those_of_one_process_of_batch_4(runs):
+    (own,), (common, *_) = curve_of(runs.own), curve_of(runs.alone)
+    assert own["step"] == common["step"] == 1
+    assert own["width"] != pytest.approx(common["width"], rel=5 * CURVE_TOLERANCE)
+
+
+def test_preset_cpu_alone_has_statistics_of_each_process():
+    assert {name for name, config in TRAININGS.items() if not config.common_statistics} == {"cpu"}
 
 
 @pytest.mark.slow

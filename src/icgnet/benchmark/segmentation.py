@@ -4,6 +4,7 @@ Everything is counted on the points of the clouds. A point truly belongs to the 
 none (noise) are left out, and so are objects that hardly any point was measured on.
 """
 
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -41,36 +42,56 @@ class Labelling:
 
 
 @dataclass(frozen=True)
+class TrueObject:
+    """An object that really stands there.
+
+    Attributes:
+        name: key in its set.
+        class_name: its class.
+        alternative: the class that it could have had as well, by those who labelled it; None where it is clear.
+    """
+
+    name: str
+    class_name: str
+    alternative: str | None = None
+
+
+@dataclass(frozen=True)
 class Truth:
     """What the points of a cloud really lie on.
 
     Attributes:
         labels: index of the object of every point, `NO_OBJECT` where none is near.
-        names: key of each object in its set.
-        classes: class of each object.
-        alternatives: the class that it could have had as well, by those who labelled it; None where it is clear.
+        objects: that stand there.
     """
 
     labels: Int[np.ndarray, "n"]
-    names: tuple[str, ...]
-    classes: tuple[str, ...]
-    alternatives: tuple[str | None, ...]
+    objects: tuple[TrueObject, ...]
 
-    @staticmethod
-    def of(shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "Truth":
+    @classmethod
+    def of(cls, shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "Truth":
         """The truth about points of a scene, world frame [m]."""
-        return Truth(shapes.owners(points), shapes.names, shapes.classes, shapes.class_alternatives)
+        objects = map(TrueObject, shapes.names, shapes.classes, shapes.class_alternatives)
+        return cls(shapes.owners(points), tuple(objects))
 
 
 @dataclass(frozen=True)
 class Match:
     """A true object and the predicted one that is the same."""
 
-    name: str
-    true_class: str
-    alternative: str | None
+    true: TrueObject
     predicted_class: str
     iou: float
+
+    @property
+    def right(self) -> bool:
+        """Whether the predicted class is the true one."""
+        return self.predicted_class == self.true.class_name
+
+    @property
+    def defensible(self) -> bool:
+        """Whether the predicted class is the true one, or the one that the object could have had as well."""
+        return self.right or self.predicted_class == self.true.alternative
 
 
 @dataclass(frozen=True)
@@ -82,8 +103,7 @@ class SceneMasks:
         best_ious: the largest overlap of each true object with any predicted one.
         detections: score and overlap of each predicted object, 0 if its object is taken.
         matches: the pairs of objects that are the same.
-        missed: classes of the other true objects.
-        missed_names: their keys.
+        missed: the other true objects.
         invented: classes of the other predicted objects.
     """
 
@@ -91,8 +111,7 @@ class SceneMasks:
     best_ious: tuple[float, ...]
     detections: tuple[tuple[float, float], ...]
     matches: tuple[Match, ...]
-    missed: tuple[str, ...]
-    missed_names: tuple[str, ...]
+    missed: tuple[TrueObject, ...]
     invented: tuple[str, ...]
 
 
@@ -110,7 +129,7 @@ class SegmentationNumbers:
         class_pq: panoptic quality where a match must have the right class, mean over the classes.
         class_accuracy: share of the matches with the right class.
         class_accuracy_alternative: the same, where the class that an object could have had as well is right, too.
-        by_object: number of times that each object was told to be of a class, or missed.
+        by_object: number of times that each object was told to be of a class, or missed, by its key in the set.
         confusion: number of objects by true class, then by predicted one; "missed" and "invented" have no partner.
         scenes: with at least one object to find.
         objects: to find.
@@ -180,23 +199,15 @@ def compare_masks(index: int, predicted: Labelling, truth: Truth) -> SceneMasks:
         predicted: by the network.
         truth: about the same points.
     """
-    asked = np.flatnonzero(visible_objects(truth.labels, len(truth.classes)))
+    asked = np.flatnonzero(visible_objects(truth.labels, len(truth.objects)))
     owners = np.where(np.isin(truth.labels, asked), truth.labels, NO_OBJECT)
     found = np.flatnonzero(_mostly_known(predicted, owners))
-    overlaps = label_overlaps(predicted.labels, len(predicted.classes), owners, len(truth.classes))[found][:, asked]
+    overlaps = label_overlaps(predicted.labels, len(predicted.classes), owners, len(truth.objects))[found][:, asked]
     # More than half of both: no other pair can have one of the two.
     pairs = np.argwhere(overlaps > SAME)
     matches = tuple(
-        Match(
-            truth.names[asked[i]],
-            truth.classes[asked[i]],
-            truth.alternatives[asked[i]],
-            predicted.classes[found[p]],
-            float(overlaps[p, i]),
-        )
-        for p, i in pairs
+        Match(truth.objects[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in pairs
     )
-    missed = np.delete(asked, pairs[:, 1])
     tally = Tally()
     masks = torch.from_numpy((predicted.labels == found[:, None]) & (owners >= 0))
     count_masks(tally, (masks, torch.from_numpy(predicted.scores[found])), torch.from_numpy(owners == asked[:, None]))
@@ -205,8 +216,7 @@ def compare_masks(index: int, predicted: Labelling, truth: Truth) -> SceneMasks:
         tuple(tally.mask_ious),
         tuple(tally.detections),
         matches,
-        missed=tuple(truth.classes[k] for k in missed),
-        missed_names=tuple(truth.names[k] for k in missed),
+        missed=tuple(truth.objects[k] for k in np.delete(asked, pairs[:, 1])),
         invented=tuple(predicted.classes[k] for k in np.delete(found, pairs[:, 0])),
     )
 
@@ -232,8 +242,10 @@ def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
         sq=percent(lambda some: panoptic_quality(some)[1] or None),  # not defined without any match
         rq=percent(lambda some: panoptic_quality(some)[2]),
         class_pq=percent(class_panoptic_quality),
-        class_accuracy=percent(_class_accuracy),
-        class_accuracy_alternative=percent(_class_accuracy_alternative),
+        class_accuracy=percent(lambda some: mean_or_none([float(m.right) for each in some for m in each.matches])),
+        class_accuracy_alternative=percent(
+            lambda some: mean_or_none([float(m.defensible) for each in some for m in each.matches])
+        ),
         by_object=by_object(scenes),
         confusion=confusion(scenes),
         scenes=len(scenes),
@@ -256,12 +268,12 @@ def panoptic_quality(scenes: Sequence[SceneMasks]) -> tuple[float, float, float]
 def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
     """Panoptic quality where a match needs the right class, mean over the classes that are true or predicted."""
     matches = [match for each in scenes for match in each.matches]
-    wrong = [name for each in scenes for name in (*each.missed, *each.invented)]
+    wrong = [name for each in scenes for name in (*(true.class_name for true in each.missed), *each.invented)]
     qualities = []
     for name in CLASSES:
-        ious = [match.iou for match in matches if match.true_class == match.predicted_class == name]
+        ious = [match.iou for match in matches if match.right and match.predicted_class == name]
         failures = wrong.count(name) + sum(
-            (match.true_class == name) != (match.predicted_class == name) for match in matches
+            (match.true.class_name == name) != (match.predicted_class == name) for match in matches
         )
         if ious or failures:
             qualities.append(_qualities(ious, failures)[0])
@@ -275,23 +287,15 @@ def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, floa
     return segmentation * recognition, segmentation, recognition
 
 
-def _class_accuracy(scenes: Sequence[SceneMasks]) -> float | None:
-    return mean_or_none([float(m.true_class == m.predicted_class) for each in scenes for m in each.matches])
-
-
-def _class_accuracy_alternative(scenes: Sequence[SceneMasks]) -> float | None:
-    matches = [match for each in scenes for match in each.matches]
-    return mean_or_none([float(m.predicted_class in (m.true_class, m.alternative)) for m in matches])
-
-
 def by_object(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
     """How often each object, by its key, was told to be of a class, or missed."""
-    answers = [(match.name, match.predicted_class) for each in scenes for match in each.matches]
-    answers += [(name, "missed") for each in scenes for name in each.missed_names]
-    table: dict[str, dict[str, int]] = {name: {} for name in sorted({name for name, _ in answers})}
-    for name, answer in answers:
-        table[name][answer] = table[name].get(answer, 0) + 1
-    return table
+    table: dict[str, Counter[str]] = defaultdict(Counter)
+    for each in scenes:
+        for match in each.matches:
+            table[match.true.name][match.predicted_class] += 1
+        for true in each.missed:
+            table[true.name]["missed"] += 1
+    return {name: dict(table[name]) for name in sorted(table)}
 
 
 def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
@@ -299,9 +303,9 @@ def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
     table: dict[str, dict[str, int]] = {row: dict.fromkeys((*CLASSES, "missed"), 0) for row in (*CLASSES, "invented")}
     for each in scenes:
         for match in each.matches:
-            table[match.true_class][match.predicted_class] += 1
-        for name in each.missed:
-            table[name]["missed"] += 1
+            table[match.true.class_name][match.predicted_class] += 1
+        for true in each.missed:
+            table[true.class_name]["missed"] += 1
         for name in each.invented:
             table["invented"][name] += 1
     return table

@@ -24,7 +24,7 @@ from icgnet.training.config import TrainingConfig
 from icgnet.training.loop import Trainer
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
-from icgnet.training.processes import join_processes, total
+from icgnet.training.processes import Accelerator, join_processes, total
 from icgnet.training.sample import Sample
 
 WAITING, SURFACE, DENSE, QUERIES = "waiting for the loader", "surface U-Net", "dense U-Net", "tokens and refinement"
@@ -188,18 +188,25 @@ class MeteredLoss(TrainingLoss):
 
 
 def measure_training(
-    data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig, steps: int
+    data: Sequence[Path],
+    objects: Sequence[str | Path],
+    config: TrainingConfig,
+    steps: int,
+    accelerator: Accelerator = "auto",
 ) -> TrainingSpeed | None:
     """Trains for some steps from the beginning, as `icgnet train` does, and keeps nothing of it.
 
-    Processes that `torchrun` started train together; what the parts take is measured in the first of them, and only it
-    returns the numbers, the others None.
+    Processes that `torchrun` started train together; what parts and loader take is measured in the first of them.
 
     Args:
         data: folders of recipes.
         objects: sources of the object sets that the recipes name.
         config: of the run; samples are prepared by at least one process of their own.
         steps: that are timed, after some that are not.
+        accelerator: what to compute on; "auto" takes a GPU where there is one.
+
+    Returns:
+        The numbers; None in all processes but the first.
 
     Raises:
         InputError: no steps asked for, or no threads.
@@ -211,10 +218,13 @@ def measure_training(
         raise InputError(f"threads must be at least 1, got {config.threads}")
     config = replace(config, workers=max(1, config.workers))
     dataset = load_dataset(data, objects, config)
-    torch.set_num_threads(1)
-    loader = time_visits(dataset, steps * config.batch)
+    fabric = join_processes(accelerator)
+    loader = None
+    if fabric.is_global_zero:
+        torch.set_num_threads(1)
+        loader = time_visits(dataset, steps * config.batch)
+    fabric.barrier()
     torch.set_num_threads(config.threads)
-    fabric = join_processes()
     meter = Meter(_clock(fabric.device))
     with TemporaryDirectory() as folder:
         make_loss = partial(MeteredLoss, meter)
@@ -226,7 +236,7 @@ def measure_training(
     seconds = sum(sum(parts.values()) for parts in timed)
     per_scene = 1e3 / config.batch
     scenes_per_second = float(total(fabric, torch.tensor(steps * config.batch / seconds, dtype=torch.float64)))
-    if not fabric.is_global_zero:
+    if loader is None:
         return None
     return TrainingSpeed(
         parts_ms={part: Times.of([per_scene * parts.get(part, 0.0) for parts in timed]) for part in PARTS},

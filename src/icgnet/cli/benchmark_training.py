@@ -33,6 +33,10 @@ class Speed:
     """Network in place of the preset's."""
     batch: int | None = None
     """Scenes per step, in each process, in place of the preset's."""
+    common_statistics: bool | None = None
+    """Whether processes share the statistics of their batches, in place of the preset's."""
+    accelerator: Literal["auto", "cpu", "gpu"] = "auto"
+    """What to compute on; auto takes a GPU where there is one."""
     threads: int | None = None
     """CPU threads in place of the preset's."""
     seed: int = 0
@@ -49,7 +53,7 @@ class Speed:
         from icgnet.benchmark.training_speed import measure_training
 
         config = self._config()
-        speed = measure_training(self.data, self.objects, config, self.steps)
+        speed = measure_training(self.data, self.objects, config, self.steps, self.accelerator)
         if speed is None:
             return
         console = Console()
@@ -70,7 +74,7 @@ class Speed:
     def _config(self) -> "TrainingConfig":
         from icgnet.training.config import TRAININGS
 
-        given = {"network": self.network, "batch": self.batch, "threads": self.threads}
+        given = {name: getattr(self, name) for name in ("network", "batch", "common_statistics", "threads")}
         changes = {name: value for name, value in given.items() if value is not None}
         return replace(TRAININGS[self.preset], seed=self.seed, **changes)
 
@@ -95,9 +99,10 @@ def _cells(times: "Times") -> tuple[str, str]:
 
 def _speed_lines(speed: "TrainingSpeed", bfloat16: bool) -> str:
     loader, bits = speed.loader, "U-Nets in bfloat16" if bfloat16 else "float32"
+    processes = f" in each of {speed.processes} processes" if speed.processes > 1 else ""
     return (
-        f"{speed.scenes_per_second:.2f} scenes a second over {speed.steps} steps of {speed.batch} in each of "
-        f"{speed.processes} processes; {bits}; {speed.device}, {speed.threads} threads, {origin().processor}\n"
+        f"{speed.scenes_per_second:.2f} scenes a second over {speed.steps} steps of {speed.batch}{processes}; {bits}; "
+        f"{speed.device}, {speed.threads} threads, {origin().processor}\n"
         f"loader: {loader.median_ms:.0f} ms a scene ({loader.p10_ms:.0f} to {loader.p90_ms:.0f}) in a process of its "
         f"own; with {speed.workers} of them, {100 * speed.waiting_share:.0f} % of the time is waiting"
     )

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 from icgnet.errors import DataError, InputError
 
@@ -31,10 +32,7 @@ def read_classes(path: Path) -> dict[str, str]:
     Raises:
         DataError: the file is not such a mapping, or it names an unknown class.
     """
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise DataError(f"cannot read the object classes in {path}: {error}") from error
+    content = _read(path)
     mapping = content.get("objects", content) if isinstance(content, dict) else content
     return check_classes(mapping, path)
 
@@ -45,17 +43,26 @@ def read_alternatives(path: Path) -> dict[str, str]:
     They stand under the key "uncertain", each at the end of a sentence: "a jar, neck 0.82; alternative: bottle".
 
     Raises:
-        DataError: an entry does not end so, or with an unknown class.
+        DataError: the file cannot be read; an entry is not of an object that has a class, does not end so, or ends with
+            an unknown class.
     """
-    content = json.loads(path.read_text())
+    content = _read(path)
     uncertain = content.get("uncertain", {}) if isinstance(content, dict) and "objects" in content else {}
     if not isinstance(uncertain, dict):
         raise DataError(f'{path}: "uncertain" must map object names to sentences, found {type(uncertain).__name__}')
-    found = {name: re.search(r"alternative: (\w+)$", str(why)) for name, why in uncertain.items()}
-    for name, match in found.items():
-        if match is None:
+    alternatives: dict[str, str] = {}
+    for name, why in uncertain.items():
+        found = re.search(r"alternative: (\w+)$", str(why))
+        if found is None:
             raise DataError(f'{path}: uncertain object {name!r} must end with "alternative: CLASS"')
-    return check_classes({name: match[1] for name, match in found.items() if match}, path)
+        if name not in content["objects"]:
+            raise DataError(f'{path}: uncertain object {name!r} is not among the "objects"')
+        if found[1] not in CLASSES:
+            raise DataError(
+                f"{path}: object {name!r} has the alternative {found[1]!r}; the classes are {', '.join(CLASSES)}"
+            )
+        alternatives[name] = found[1]
+    return alternatives
 
 
 def check_classes(mapping: object, path: Path) -> dict[str, str]:
@@ -70,3 +77,10 @@ def check_classes(mapping: object, path: Path) -> dict[str, str]:
         if class_name not in CLASSES:
             raise DataError(f"{path}: object {name!r} has class {class_name!r}; the classes are {', '.join(CLASSES)}")
     return {str(name): class_name for name, class_name in mapping.items()}
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text())
+    except (OSError, json.JSONDecodeError) as error:
+        raise DataError(f"cannot read the object classes in {path}: {error}") from error

@@ -213,7 +213,8 @@ INDIFFERENT = (
     "data.scenes",
     "data.validation_scenes",
 )
-"""What may change between the legs of a run: how fast it trains, how often it reports, and data that have grown.
+"""What may change between the legs of a run: how fast it trains, also at the price of other gradients (bfloat16, own
+statistics), how often it reports, and data that have grown.
 
 The batch of a process may, too, because the number of scenes in a step, over all processes, may not.
 """

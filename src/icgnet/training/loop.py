@@ -87,6 +87,7 @@ def train(
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
     fabric, out = join_processes(accelerator), Path(out)
     check_same(fabric, "scenes", _fingerprint(recipes))
+    check_same(fabric, "common_statistics", config.common_statistics)  # else they would wait for each other for ever
     if not fabric.is_global_zero:
         report = _silence
     else:
@@ -124,7 +125,8 @@ class Trainer:
     """A run: its network, optimiser, average, and where it stands.
 
     With several processes each holds all of this, and they stay equal: gradients are averaged, batch normalisation
-    takes its statistics over all of them, and what depends on the clock is decided by one common time.
+    takes its statistics over all of them (or, without `common_statistics`, starts each step from the running ones of
+    the first), and what depends on the clock is decided by one common time.
     """
 
     def __init__(

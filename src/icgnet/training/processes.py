@@ -33,6 +33,8 @@ def join_processes(accelerator: Accelerator = "auto") -> Fabric:
     wants_gpus = accelerator == "gpu" or (accelerator == "auto" and gpus > 0)
     if wants_gpus and gpus < local:
         raise InputError(f"{local} processes on this node, but {gpus} GPUs: start fewer, or choose accelerator cpu")
+    # Before every forward pass the buffers of the first process go to all: torch's default, and what keeps the running
+    # statistics of the batch normalisation alike where each process takes its own.
     together = DDPStrategy(
         timeout=PATIENCE,
         # A term that no scene of a process has leaves a decoder without gradient there.
