@@ -2,8 +2,6 @@
 
 import itertools
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
@@ -28,6 +26,7 @@ from icgnet.datagen.label_scene import LabelSettings
 from icgnet.errors import InputError
 from icgnet.network.config import NETWORKS
 from icgnet.training.config import TRAININGS
+from launch import icgnet_together, output_of
 
 TINY = replace(TRAININGS["tiny"], batch=2)
 
@@ -131,13 +130,9 @@ def test_the_command_prints_the_parts_and_writes_a_report(scenes, tmp_path, caps
 
 @pytest.mark.slow
 def test_the_scenes_of_all_processes_are_counted_and_the_first_alone_reports(scenes, tmp_path):
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    command = ["-m", "icgnet.cli.main", "--", "benchmark", "training-speed", "--preset", "tiny", "--steps", "2"]
-    options = ["--batch", "1", "--accelerator", "cpu", "--common-statistics", "False"]
-    where = ["--data", str(scenes), "--out", str(tmp_path)]
-    run = [*launch, *command, *options, *where]
-    done = subprocess.run(run, check=True, timeout=300, stdout=subprocess.PIPE, text=True)
-    assert done.stdout.count("scenes a second") == 1
+    command = ["benchmark", "training-speed", "--preset", "tiny", "--steps", 2, "--data", scenes, "--out", tmp_path]
+    options = ["--batch", 1, "--accelerator", "cpu", "--common-statistics", False]
+    assert output_of(icgnet_together(*command, *options)).count("scenes a second") == 1
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["processes"] == 2
     assert report["settings"]["common_statistics"] is False

@@ -1,13 +1,12 @@
 """`icgnet generate` and `icgnet train`, and what they say of broken data."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from icgnet.cli.main import main
+from launch import icgnet_together, output_of
 
 
 @pytest.fixture(scope="module")
@@ -46,18 +45,17 @@ def test_train_writes_weights_that_predict_can_load(scenes, tmp_path, options, n
 
 @pytest.mark.slow
 def test_processes_of_torchrun_train_one_network(scenes, tmp_path):
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    command = ["-m", "icgnet.cli.main", "--", "train", "tiny", "--accelerator", "cpu", "--data", str(scenes)]
-    options = ["--steps", "2", "--learning-rate", "2e-3", "--common-statistics", "False"]
-    subprocess.run([*launch, *command, *options, "--out", str(tmp_path / "first")], check=True, timeout=300)
-    again = ["--out", str(tmp_path / "run"), "--start", str(tmp_path / "first" / "weights_final.safetensors")]
-    subprocess.run([*launch, *command, *options, *again], check=True, timeout=300)
-    config = json.loads((tmp_path / "run" / "config.json").read_text())
+    command = ["train", "tiny", "--accelerator", "cpu", "--data", scenes, "--steps", 2]
+    options = ["--learning-rate", "2e-3", "--common-statistics", False]
+    first, run = tmp_path / "first", tmp_path / "run"
+    output_of(icgnet_together(*command, *options, "--out", first))
+    output_of(icgnet_together(*command, *options, "--out", run, "--start", first / "weights_final.safetensors"))
+    config = json.loads((run / "config.json").read_text())
     assert config["scenes_per_step"] == 2 * config["training"]["batch"]
     assert config["training"]["learning_rate"] == 2e-3
     assert config["training"]["common_statistics"] is False
     assert config["data"]["start"]
-    assert (tmp_path / "run" / "weights_final.safetensors").is_file()
+    assert (run / "weights_final.safetensors").is_file()
 
 
 @pytest.mark.slow

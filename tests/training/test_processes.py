@@ -2,8 +2,6 @@
 
 import json
 import socket
-import subprocess
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import create_autospec
@@ -19,6 +17,7 @@ from icgnet.training.config import TRAININGS, training_record, write_or_compare
 from icgnet.training.log import REPORTED, TrainingLog
 from icgnet.training.loop import FINAL_FILE, METRICS_FILE, train
 from icgnet.training.processes import check_same, join_processes
+from launch import TOGETHER, output_of, torchrun
 from shape_scenes import write_recipes
 
 CURVE_TOLERANCE = 1e-3
@@ -28,18 +27,6 @@ NORM_TOLERANCE = 0.03
 """Of the gradient's norm, which feels sums in another order more: 0.7 % at the sixth step."""
 SPEED = {"elapsed_s", "scenes_per_s", "waiting_share"}
 """What is logged and is not the same."""
-
-
-def torchrun(options: list[str], *arguments: object) -> subprocess.Popen:
-    """Starts processes that run `train_together`."""
-    command = [sys.executable, "-m", "torch.distributed.run", *options, train_together.__file__]
-    return subprocess.Popen([*command, *map(str, arguments)], stdout=subprocess.PIPE, text=True)
-
-
-def output_of(*processes: subprocess.Popen) -> str:
-    said = [process.communicate(timeout=300)[0] for process in processes]
-    assert [process.returncode for process in processes] == [0] * len(processes)
-    return "".join(said)
 
 
 def free_port() -> int:
@@ -76,12 +63,12 @@ def runs(tmp_path_factory) -> Runs:
         train_together.prepare(patch)
         train(train_together.configuration(4), [data], alone, ["shapes"], accelerator="cpu")
         three = (together, 0, "common", legs, 3, "common", own, 1, "own")
-        said = output_of(torchrun(["--standalone", "--nproc-per-node=2"], data, 2, *three))
+        said = output_of(torchrun(TOGETHER, train_together.__file__, data, 2, *three))
         assert curve_of(legs)[-1]["step"] == 3
         nodes = ["--nnodes=2", "--nproc-per-node=1", "--master-addr=127.0.0.1", f"--master-port={free_port()}"]
         said += output_of(
-            torchrun([*nodes, "--node-rank=0"], data, 2, legs, 0, "common"),
-            torchrun([*nodes, "--node-rank=1"], data, 2, second, 0, "common"),
+            torchrun([*nodes, "--node-rank=0"], train_together.__file__, data, 2, legs, 0, "common"),
+            torchrun([*nodes, "--node-rank=1"], train_together.__file__, data, 2, second, 0, "common"),
         )
     return Runs(alone, together, legs, own, second, said)
 
