@@ -12,7 +12,7 @@ import icgnet
 
 PACKAGE = Path(icgnet.__file__).parent
 
-FOUNDATION = {"errors", "output_folder"}
+FOUNDATION = {"errors", "files", "output_folder"}
 """The modules that stand below everything; beside them there is the predictor, on top of the folder `inference`."""
 
 MAY_IMPORT = {

@@ -159,11 +159,6 @@ def test_points_that_are_not_finite_are_left_out_but_keep_their_place(predictor,
     np.testing.assert_array_equal(np.delete(result.instance_mask, [0, 501]), in_world.cloud_instances)
 
 
-def test_widths_may_come_from_the_shapes(predictor, depth):
-    by_shape = predictor.with_search(width_from="shape").predict_depth(depth, INTRINSICS, camera_pose())
-    assert (by_shape.grasps.widths <= load_gripper().max_opening).all()
-
-
 def test_filters_keep_the_grasps_that_were_asked_for(in_world):
     best = in_world.best()
     instance = int(best.instances[0])

@@ -13,5 +13,9 @@ class TableNotFoundError(InputError):
     """No plane in the cloud is supported by enough points to be the table."""
 
 
+class TrainingDivergedError(IcgnetError):
+    """The gradient stays infinite or NaN; the run's last checkpoint is as it was."""
+
+
 class DataError(IcgnetError):
     """A file (recipes, weights, gripper, mesh, calibration) is broken, foreign or of another version."""

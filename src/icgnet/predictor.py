@@ -95,11 +95,11 @@ class Predictor:
         """
         if table_height is not None and not np.isfinite(table_height):
             raise InputError(f"table_height must be a finite number [m], got {table_height}")
-        array = np.asarray(points)
-        finite = check_points(array)
+        finite = check_points(points)
+        array = np.asarray(points, dtype=np.float64)
         is_camera = viewpoint is None and table_height is None
         eye = np.zeros(3) if is_camera else None if viewpoint is None else check_viewpoint(viewpoint)
-        rows = np.flatnonzero(np.isfinite(array.astype(np.float64)).all(axis=1))
+        rows = np.flatnonzero(np.isfinite(array).all(axis=1))
         cloud = PointCloud(finite, eye, "camera" if is_camera else "world")
         return self._predict(cloud, table_height, rows, (len(array),), None)
 

@@ -11,7 +11,14 @@ from PIL import Image
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import look_at
 from icgnet.geometry.clouds import PointCloud
-from icgnet.inference.capture import DepthCapture, read_camera_pose, read_capture, read_intrinsics, read_mask
+from icgnet.inference.capture import (
+    DepthCapture,
+    check_viewpoint,
+    read_camera_pose,
+    read_capture,
+    read_intrinsics,
+    read_mask,
+)
 
 K = np.array([[600.0, 0.0, 320.0], [0.0, 610.0, 240.0], [0.0, 0.0, 1.0]])
 POSE = look_at(np.array([0.1, -0.4, 0.5]), np.array([0.15, 0.15, 0.05]))
@@ -145,6 +152,35 @@ def test_a_broken_file_is_named(tmp_path, name):
     (tmp_path / name).write_bytes(b"\x89PNG no, not really\n")
     with pytest.raises(DataError, match=f"cannot read .*{name}"):
         read_capture(tmp_path / name, NUMBERS if name == "broken.png" else ())
+
+
+def test_a_file_that_is_damaged_inside_is_named(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", depth=np.random.default_rng(0).random((90, 90)), K=np.eye(3))
+    content = bytearray((tmp_path / "a.npz").read_bytes())
+    content[2000:2200] = bytes(200)
+    (tmp_path / "a.npz").write_bytes(bytes(content))
+    with pytest.raises(DataError, match=r"cannot read .*a\.npz"):
+        read_capture(tmp_path / "a.npz")
+
+
+def test_an_empty_calibration_is_named(tmp_path):
+    (tmp_path / "camera.mat").write_bytes(b"")
+    with pytest.raises(DataError, match=r"cannot read .*camera\.mat"):
+        read_intrinsics([str(tmp_path / "camera.mat")])
+
+
+def test_a_ply_without_points_is_named(tmp_path):
+    header = ("ply", "format ascii 1.0", "element face 0", "property list uchar int vertex_indices", "end_header", "")
+    (tmp_path / "a.ply").write_text("\n".join(header))
+    with pytest.raises(DataError, match=r"cannot read .*a\.ply"):
+        read_capture(tmp_path / "a.ply")
+
+
+def test_a_viewpoint_is_three_numbers():
+    with pytest.raises(InputError, match=r"three finite numbers.*here"):
+        check_viewpoint("here")
+    with pytest.raises(InputError, match="three finite numbers"):
+        check_viewpoint([0.0, 1.0])
 
 
 def test_pickles_are_not_opened(tmp_path):

@@ -1,5 +1,7 @@
 """Predicted shapes, with a network that predicts a ball."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
-from icgnet.inference.candidates import Contacts, keep_free, surface_contacts
+from icgnet.inference.candidates import Contacts, keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance, encode_windows
 from icgnet.inference.shapes import Shape, scene_occupancy
@@ -101,6 +103,31 @@ def test_the_width_by_a_ray_is_the_chord_of_the_ball(shapes):
     normals = np.array([[0.0, -1.0, 0.0], [0.0, -0.8, 0.6]])
     contacts = ORIGIN + CENTRES[0] + np.array([[0.0, -RADIUS, 0.0], RADIUS * np.array([0.0, -0.8, 0.6])])
     np.testing.assert_allclose(shapes[0].widths(contacts, normals, 0.08), 2 * RADIUS, atol=0.003)
+
+
+@pytest.mark.parametrize("source", ["network", "shape"])
+def test_widths_come_from_the_shapes_where_a_ray_hits_them_if_that_is_wanted(shapes, source):
+    offsets = np.array([[0.0, -RADIUS, 0.0], [0.0, -RADIUS - 0.02, 0.0]])
+    normals, instances = np.array([[0.0, -1.0, 0.0]] * 2), np.zeros(2, dtype=np.int64)
+    contacts = Contacts(ORIGIN + CENTRES[0] + offsets, normals, instances)
+    search = GraspSearch(min_score=0.0, width_from=source)
+    grasps, _ = score_contacts(shapes[0].network, shapes, contacts, load_gripper(), search)
+    by_network, _ = score_contacts(
+        shapes[0].network, shapes, contacts, load_gripper(), replace(search, width_from="network")
+    )
+    hits = np.isclose(grasps.contacts, contacts.points[0]).all(axis=1)
+    assert 0 < hits.sum() < len(hits)
+    if source == "shape":
+        np.testing.assert_allclose(grasps.widths[hits], 2 * RADIUS, atol=0.003)
+        assert not np.isclose(by_network.widths, 2 * RADIUS, atol=0.003).any()
+    assert set(grasps.widths[~hits]) <= set(by_network.widths)
+
+
+def test_every_object_gets_a_contact_however_few_are_wanted(shapes, tabletop):
+    instances = [shape.instance for shape in shapes]
+    contacts = seen_contacts(tabletop, instances, 1, np.random.default_rng(0))
+    assert contacts.instances.tolist() == [0, 1]
+    assert set(surface_contacts(shapes, 1, np.random.default_rng(0)).instances) == {0, 1}
 
 
 def test_a_ray_that_misses_the_shape_has_no_width_and_one_that_never_leaves_is_too_wide(shapes):

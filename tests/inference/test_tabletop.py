@@ -19,6 +19,10 @@ def seen() -> PointCloud:
     return PointCloud(grid[np.isfinite(grid).all(axis=1)], np.zeros(3), "camera")
 
 
+def rotation_about_y(angle: float) -> np.ndarray:
+    return np.roll(np.roll(rotation_z(angle), -1, axis=0), -1, axis=1)
+
+
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
@@ -41,8 +45,27 @@ def test_what_stands_on_the_table_is_the_boxes(seen):
 
 def test_a_level_world_keeps_its_axes_and_finds_the_height(seen):
     tabletop = find_tabletop(seen.transformed(camera_pose(), "world"), None, rng())
-    np.testing.assert_array_equal(tabletop.T_frame_table[:3, :3], np.eye(3))
-    np.testing.assert_allclose(tabletop.T_frame_table[:3, 3], 0.0, atol=5e-4)
+    np.testing.assert_allclose(tabletop.T_frame_table, np.eye(4), atol=5e-4)
+
+
+def test_a_pose_that_is_a_little_off_tilts_the_table_frame_and_nothing_else(seen):
+    tilt = np.eye(4)
+    tilt[:3, :3] = rotation_about_y(np.deg2rad(6))
+    tilted = tilt @ camera_pose()
+    tabletop = find_tabletop(seen.transformed(tilted, "world"), None, rng())
+    np.testing.assert_allclose(tabletop.T_frame_table[:3, :3], tilt[:3, :3], atol=2e-3)
+    level = find_tabletop(seen.transformed(camera_pose(), "world"), None, rng())
+    assert len(np.setxor1d(tabletop.standing, level.standing)) < 0.05 * len(level.standing)
+    middle = seen.transformed(tilted, "world").points[tabletop.standing].mean(axis=0)
+    assert np.linalg.norm(tabletop.cloud.points[tabletop.standing].mean(axis=0)[:2] - middle[:2]) < 0.02
+
+
+def test_of_two_groups_of_things_far_from_each_other_one_is_seen(seen):
+    world = seen.transformed(camera_pose(), "world").points
+    far = PointCloud(np.concatenate([world, world + (3.0, 0.0, 0.0)]), camera_pose()[:3, 3], "world")
+    tabletop = find_tabletop(far, TABLE_HEIGHT, rng())
+    assert len(tabletop.standing) > 100
+    assert np.ptp(tabletop.cloud.points[tabletop.standing, 0]) < 1.0
 
 
 def test_a_given_height_is_taken_as_it_is(seen):
@@ -54,7 +77,7 @@ def test_a_given_height_is_taken_as_it_is(seen):
 
 def test_a_pose_that_tilts_the_table_is_an_error_that_names_the_angle(seen):
     tilt = np.eye(4)
-    tilt[:3, :3] = np.roll(np.roll(rotation_z(np.deg2rad(30)), 1, axis=0), 1, axis=1)
+    tilt[:3, :3] = rotation_about_y(np.deg2rad(30))
     with pytest.raises(InputError, match="tilted by 30 degrees"):
         find_tabletop(seen.transformed(tilt @ camera_pose(), "world"), None, rng())
 

@@ -1,15 +1,17 @@
 import json
+import math
 import shutil
 from dataclasses import replace
 
 import pytest
 import torch
 
-from icgnet.errors import DataError, InputError
+from icgnet.errors import DataError, InputError, TrainingDivergedError
 from icgnet.network.weights import load_weights
 from icgnet.training.checkpoint import CHECKPOINT_FILE, WeightAverage, read_checkpoint
 from icgnet.training.config import TRAININGS, Sampling, TrainingConfig
-from icgnet.training.loop import BEST_FILE, FINAL_FILE, METRICS_FILE
+from icgnet.training.loop import BEST_FILE, FINAL_FILE, METRICS_FILE, Trainer
+from icgnet.training.metrics import selection_score
 from icgnet.viewer.training_curves import read_run
 
 CONFIG = replace(
@@ -79,6 +81,39 @@ def test_finished_run_says_so_and_stays(train_shapes, tmp_path):
     assert_same_weights(before, state_of(tmp_path))
 
 
+def test_best_weights_and_their_score_are_kept_together_when_a_run_is_killed(train_shapes, tmp_path, monkeypatch):
+    step = Trainer.step
+
+    def dies_in_the_third(trainer, samples):
+        if trainer.progress.step == 2:
+            raise KeyboardInterrupt
+        return step(trainer, samples)
+
+    monkeypatch.setattr(Trainer, "step", dies_in_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        train_shapes(replace(CONFIG, validation_minutes=0.0, checkpoint_minutes=60.0), tmp_path)
+    progress = state_of(tmp_path)["progress"]
+    _, metadata = load_weights(tmp_path / BEST_FILE)
+    assert progress["step"] == 2
+    assert progress["best"] == pytest.approx(selection_score(metadata["metrics"]))
+    assert progress["validated"] == progress["elapsed"]
+
+
+def test_a_line_that_a_kill_cut_off_is_taken_away(train_shapes, tmp_path):
+    train_shapes(CONFIG, tmp_path, leg_steps=2)
+    with (tmp_path / METRICS_FILE).open("a") as file:
+        file.write('{"kind": "train", "ste')
+    train_shapes(CONFIG, tmp_path)
+    steps = [line["step"] for line in read_run(tmp_path).lines if line["kind"] == "train"]
+    assert steps == sorted(set(steps))
+    assert steps[-1] == 6
+
+
+def test_a_run_that_diverges_says_so_and_keeps_its_weights(train_shapes, tmp_path):
+    with pytest.raises(TrainingDivergedError, match=r"20 steps in a row.*lower the learning rate \(1e\+30\)"):
+        train_shapes(replace(CONFIG, steps=60, learning_rate=1e30, warmup_steps=0), tmp_path)
+
+
 def test_folder_of_another_run_is_refused_by_name(train_shapes, tmp_path):
     train_shapes(replace(CONFIG, steps=1), tmp_path)
     with pytest.raises(DataError, match=r"training\.learning_rate: 0\.001 there, 0\.1 now"):
@@ -98,6 +133,13 @@ def test_more_data_go_on_and_are_named(train_shapes, data, tmp_path):
     lines = []
     train_shapes(config, tmp_path / "run", report=lines.append)
     assert "going on with another setting: data.scenes: 4 there, 8 now" in lines
+
+
+def test_damaged_configuration_is_named(train_shapes, tmp_path):
+    train_shapes(CONFIG, tmp_path, leg_steps=1)
+    (tmp_path / "config.json").write_text('{"training": ')
+    with pytest.raises(DataError, match=r"config\.json is damaged"):
+        train_shapes(CONFIG, tmp_path)
 
 
 def test_damaged_checkpoint_is_named(tmp_path):
@@ -128,6 +170,25 @@ def test_training_data_must_be_there(train_shapes, data, tmp_path):
 def test_budget_is_steps_or_minutes(budget):
     with pytest.raises(InputError, match="steps or minutes"):
         TrainingConfig(**budget)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"steps": 0, "minutes": None}, "steps must be at least 1, got 0"),
+        ({"minutes": -1.0}, "minutes must be a number above 0, got -1"),
+        ({"minutes": math.nan}, "minutes must be a number above 0, got nan"),
+        ({"batch": 0}, "batch must be at least 1, got 0"),
+        ({"threads": 0}, "threads must be at least 1, got 0"),
+        ({"workers": -1}, "workers must be 0 or more, got -1"),
+        ({"learning_rate": 0.0}, "learning_rate must be a number above 0, got 0"),
+        ({"average_decay": 1.0}, "average_decay must be from 0 to below 1, got 1"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_settings_out_of_range_are_named(wrong, message):
+    with pytest.raises(InputError, match=message):
+        TrainingConfig(**wrong)
 
 
 def test_unknown_network_is_an_input_error():

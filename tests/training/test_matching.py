@@ -45,6 +45,12 @@ def test_scene_without_instances_matches_nothing():
     assert len(match_queries(mask_logits, class_logits, masks[:0], classes[:0], MatchingCosts())) == 0
 
 
+def test_a_network_that_computes_nan_gets_some_assignment():
+    mask_logits, class_logits, masks, classes = random_problem()
+    queries = match_queries(mask_logits * torch.nan, class_logits, masks, classes, MatchingCosts())
+    assert len(set(queries.tolist())) == len(masks)
+
+
 def test_instance_gets_a_query_that_was_seeded_on_it():
     mask_logits, class_logits, masks, classes = random_problem()
     free = match_queries(mask_logits, class_logits, masks, classes, MatchingCosts())

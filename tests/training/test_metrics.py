@@ -95,6 +95,14 @@ def test_the_best_grasp_counts_and_whether_any_could_have_succeeded():
     assert metrics["grasp_top1_score"] == pytest.approx((0.9 + 0.9 + 0.3) / 3)
 
 
+def test_the_sum_of_tallies_is_the_tally_of_all_scenes():
+    first, second, both = Tally(scenes=1), Tally(scenes=2, instances=3), Tally(scenes=3, instances=3)
+    for parts in ((first, both), (second, both)):
+        for tally in parts:
+            count_ranking(tally, torch.tensor([0.2, 0.9]), torch.tensor([parts[0] is first, False]))
+    assert first + second == both
+
+
 def test_better_grasps_are_selected():
     worse = {"grasp_best_f1": 0.6, "grasp_average_precision": 0.5}
     assert selection_score(worse | {"grasp_average_precision": 0.6}) > selection_score(worse)

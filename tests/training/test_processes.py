@@ -15,7 +15,7 @@ from icgnet.errors import DataError, InputError
 from icgnet.training.checkpoint import CHECKPOINT_FILE
 from icgnet.training.config import TRAININGS, training_record, write_or_compare
 from icgnet.training.log import REPORTED, TrainingLog
-from icgnet.training.loop import FINAL_FILE, METRICS_FILE, train
+from icgnet.training.loop import FINAL_FILE, METRICS_FILE, to_agree_on, train
 from icgnet.training.processes import check_same, join_processes
 from launch import TOGETHER, output_of, torchrun
 from shape_scenes import write_recipes
@@ -153,9 +153,18 @@ def test_more_processes_than_gpus_are_refused(monkeypatch):
 
 def test_a_process_with_other_scenes_is_told():
     second = create_autospec(Fabric, instance=True, global_rank=1)
-    second.broadcast.return_value = "2 scenes 00000000"
-    with pytest.raises(DataError, match="process 1 has other scenes than the first: 3 scenes"):
-        check_same(second, "scenes", "3 scenes 11111111")
+    second.broadcast.return_value = {"scenes": "2 scenes 00000000", "batch": 2}
+    with pytest.raises(DataError, match=r"process 1 has not what the first has; scenes: 3 scenes 1+ here, 2 scenes 0+"):
+        check_same(second, {"scenes": "3 scenes 11111111", "batch": 2})
+
+
+def test_processes_with_other_settings_would_wait_for_ever_but_threads_may_differ(recipes):
+    tiny = TRAININGS["tiny"]
+    own = to_agree_on(tiny, recipes)
+    assert own == to_agree_on(replace(tiny, threads=7, workers=3), recipes)
+    for other in (replace(tiny, batch=7), replace(tiny, common_statistics=False), replace(tiny, steps=3)):
+        assert own != to_agree_on(other, recipes)
+    assert own != to_agree_on(tiny, recipes[::-1])
 
 
 def test_log_means_count_every_scene_of_every_process_once():

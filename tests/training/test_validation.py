@@ -9,29 +9,28 @@ from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import save_weights
 from icgnet.training import validation
 from icgnet.training.config import TRAININGS
-from icgnet.training.validation import evaluate_weights, validation_samples
+from icgnet.training.validation import draw_scenes, evaluate_weights, validation_samples
 
 SAMPLING = replace(TRAININGS["tiny"].sampling, half_resolution=1.0)
 
 
-def drawn(recipes, scenes, monkeypatch):
-    """Ids of the recipes that a validation would look at."""
-    seen = []
-    monkeypatch.setattr(validation, "RecipeDataset", lambda chosen, *rest: seen.extend(chosen) or {})
-    with pytest.raises(KeyError):
-        validation_samples("tiny", SAMPLING, scenes, recipes, {})
-    return [recipe.scene_id for recipe in seen]
-
-
-def test_both_kinds_of_scenes_are_validated_when_they_alternate(recipes, monkeypatch):
+def test_both_kinds_of_scenes_are_validated_when_they_alternate(recipes):
     alternating = [replace(recipes[0], scene_id=i, kind="packed" if i % 3 == 0 else "pile") for i in range(90)]
-    packed = np.mean([scene_id % 3 == 0 for scene_id in drawn(alternating, 30, monkeypatch)])
+    packed = np.mean([recipe.kind == "packed" for recipe in draw_scenes(alternating, 30)])
     assert 0.15 < packed < 0.55
 
 
-def test_the_same_scenes_are_drawn_every_time(recipes, monkeypatch):
+def test_the_same_scenes_are_drawn_every_time(recipes):
     many = [replace(recipes[0], scene_id=i) for i in range(20)]
-    assert drawn(many, 5, monkeypatch) == drawn(many, 5, monkeypatch)
+    ids = [recipe.scene_id for recipe in draw_scenes(many, 5)]
+    assert ids == [recipe.scene_id for recipe in draw_scenes(many, 5)]
+    assert len(set(ids)) == 5
+
+
+def test_a_scene_that_shows_nothing_is_not_validated(recipes, shapes):
+    empty = replace(recipes[1], objects=())
+    samples = validation_samples("tiny", SAMPLING, 9, [recipes[0], empty, recipes[2]], {"shapes": shapes})
+    assert len(samples) == 2
 
 
 def test_evaluation_names_a_split_without_scenes(recipes, tmp_path, monkeypatch):

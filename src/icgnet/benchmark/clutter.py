@@ -19,10 +19,10 @@ from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.planners.registry import PlannerSource, load_planner
 from icgnet.benchmark.record import REPORT_FILE, source_commit, write_report
 from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
-from icgnet.datagen.files import new_file, write_json
 from icgnet.datagen.lock import locked
 from icgnet.datagen.pool import local_pool
 from icgnet.errors import DataError
+from icgnet.files import cut_unfinished_line, new_file, write_json
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.network.weights import stored_checksum
 from icgnet.objects.object_set import ObjectSet, load_object_set
@@ -253,11 +253,9 @@ def read_rounds(path: Path) -> list[Round]:
     """
     if not path.is_file():
         return []
-    text = path.read_text()
-    complete = text[: text.rfind("\n") + 1]
-    if complete != text:
-        path.write_text(complete)
-    return [_round(line, f"{path}, line {number}") for number, line in enumerate(complete.splitlines(), start=1)]
+    cut_unfinished_line(path)
+    lines = path.read_text().splitlines()
+    return [_round(line, f"{path}, line {number}") for number, line in enumerate(lines, start=1)]
 
 
 def _round(line: str, place: str) -> Round:

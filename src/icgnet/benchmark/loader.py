@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from icgnet.datagen.recipe import read_recipes
 from icgnet.errors import InputError
 from icgnet.network.config import NETWORKS
 from icgnet.training.config import TrainingConfig
 from icgnet.training.dataset import RecipeDataset
-from icgnet.training.validation import load_object_sets
+from icgnet.training.validation import load_object_sets, recipes_of_split
 
 WARM_UP = 5  # visits before the clock runs: lookup tables are made at the first ones
 
@@ -59,12 +58,12 @@ def measure_loader(
 
 
 def load_dataset(data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig) -> RecipeDataset:
-    """The samples of a training run on all scenes of some folders.
+    """The samples of a training run on some folders.
 
     Raises:
-        DataError: no usable recipes, or a missing object set.
+        DataError: no recipes of split "train", or a missing object set.
     """
-    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
+    recipes = recipes_of_split(data, "train")
     return RecipeDataset(recipes, load_object_sets(objects), config.sampling, NETWORKS[config.network], config.seed)
 
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from icgnet.datagen.files import write_json
+from icgnet.files import write_json
 
 REPORT_FILE = "report.json"
 

@@ -21,10 +21,10 @@ from icgnet.errors import InputError
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.training.config import TrainingConfig
-from icgnet.training.loop import Trainer
+from icgnet.training.loop import Trainer, to_agree_on
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
-from icgnet.training.processes import Accelerator, join_processes, total
+from icgnet.training.processes import Accelerator, check_same, join_processes, total
 from icgnet.training.sample import Sample
 
 WAITING, SURFACE, DENSE, QUERIES = "waiting for the loader", "surface U-Net", "dense U-Net", "tokens and refinement"
@@ -209,16 +209,15 @@ def measure_training(
         The numbers; None in all processes but the first.
 
     Raises:
-        InputError: no steps asked for, or no threads.
+        InputError: no steps asked for.
         DataError: no usable recipes, or a missing object set.
     """
     if steps < 1:
         raise InputError(f"steps must be at least 1, got {steps}")
-    if config.threads < 1:
-        raise InputError(f"threads must be at least 1, got {config.threads}")
     config = replace(config, workers=max(1, config.workers))
     dataset = load_dataset(data, objects, config)
     fabric = join_processes(accelerator)
+    check_same(fabric, to_agree_on(config, dataset.recipes) | {"timed_steps": steps})
     loader = None
     if fabric.is_global_zero:
         torch.set_num_threads(1)

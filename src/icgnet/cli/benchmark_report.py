@@ -23,7 +23,7 @@ class Report:
         """
         from icgnet.benchmark.comparison import compare
         from icgnet.benchmark.reports import find_reports
-        from icgnet.datagen.files import new_file
+        from icgnet.files import new_file
 
         reports = find_reports(self.folders)
         text = compare(reports)

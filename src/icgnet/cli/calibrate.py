@@ -43,7 +43,7 @@ class Calibrate:
         """
         if self.diagram is not None and self.diagram.suffix != ".png":
             raise InputError(f"the diagram must end in .png, got {self.diagram.name!r}")
-        from icgnet.datagen.files import write_json
+        from icgnet.files import write_json
         from icgnet.training.calibration import calibrate_weights
 
         console = Console()

@@ -1,6 +1,5 @@
 """`icgnet evaluate`: how good weights are on generated scenes of held-out objects."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -32,14 +31,15 @@ class Evaluate:
         Raises:
             IcgnetError: unusable weights, or no such scenes.
         """
+        from icgnet.files import write_json
         from icgnet.predictor import DEFAULT_WEIGHTS
         from icgnet.training.validation import evaluate_weights
 
         weights = self.weights or DEFAULT_WEIGHTS
         metrics = evaluate_weights(weights, self.data, self.objects, self.split, self.threads)
         table = Table("metric", *metrics, title=f"split {self.split}")
-        for name in next(iter(metrics.values())):
+        for name in dict.fromkeys(name for column in metrics.values() for name in column):
             table.add_row(name, *(f"{column[name]:.4g}" if name in column else "-" for column in metrics.values()))
         Console().print(table)
         if self.report is not None:
-            self.report.write_text(json.dumps(metrics, indent=2) + "\n")
+            write_json(self.report, metrics)

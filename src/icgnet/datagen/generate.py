@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from icgnet.datagen.cluster import RayPool
-from icgnet.datagen.files import remove_partial_files, write_json
 from icgnet.datagen.job import GenerateConfig, Job
 from icgnet.datagen.lock import locked
 from icgnet.datagen.manifest import make_manifest, prepare_folder
@@ -15,6 +14,7 @@ from icgnet.datagen.pool import Pool, local_pool
 from icgnet.datagen.recipe import Recipe, count_scenes, read_shard, write_shard
 from icgnet.datagen.report import Report, Tally, make_report
 from icgnet.datagen.usable_objects import usable_objects
+from icgnet.files import remove_partial_files, write_json
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import Kind
 

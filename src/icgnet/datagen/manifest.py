@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.datagen.files import write_json
 from icgnet.datagen.job import Job
 from icgnet.datagen.recipe import FORMAT_VERSION, MANIFEST, read_manifest
 from icgnet.datagen.usable_objects import first_of
 from icgnet.errors import DataError
+from icgnet.files import write_json
 from icgnet.grasping.frame import APPROACH_ANGLES
 
 ONLY_TOLD = {"code_version", "object_counts", "left_out", "doubtful"}

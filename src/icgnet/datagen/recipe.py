@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
-from icgnet.datagen.files import new_file
 from icgnet.errors import DataError
+from icgnet.files import new_file
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.objects.object_set import Kind, Split

@@ -1,9 +1,10 @@
 """Point clouds: checks, cropping, thinning, outliers and surface normals."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Real
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from icgnet.errors import InputError
@@ -43,7 +44,7 @@ class PointCloud:
         return PointCloud(transform_points(T_a_b, self.points), viewpoint, frame_id)
 
 
-def check_points(points: Real[np.ndarray, "..."], minimum: int = 100) -> Float[np.ndarray, "n 3"]:
+def check_points(points: Any, minimum: int = 100) -> Float[np.ndarray, "n 3"]:
     """The finite rows of a cloud as float64.
 
     Args:
@@ -51,9 +52,12 @@ def check_points(points: Real[np.ndarray, "..."], minimum: int = 100) -> Float[n
         minimum: how many finite points there must be.
 
     Raises:
-        InputError: another shape, fewer than `minimum` finite points, or a cloud that is not in metres.
+        InputError: no numbers, another shape, fewer than `minimum` finite points, or a cloud that is not in metres.
     """
-    cloud = np.asarray(points, dtype=np.float64)
+    try:
+        cloud = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"points must be numbers of shape (n, 3): {error}") from error
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise InputError(f"points must have shape (n, 3), got {cloud.shape}")
     finite = cloud[np.isfinite(cloud).all(axis=1)]

@@ -66,12 +66,12 @@ def seen_contacts(tabletop: Tabletop, instances: Sequence[Instance], budget: int
     Args:
         tabletop: the scene.
         instances: its objects.
-        budget: contacts for each window, shared evenly among its objects.
+        budget: contacts for each window, shared evenly among its objects; each gets one at least.
         rng: draws the contacts.
     """
     parts = []
     for number, instance in enumerate(instances):
-        share = budget // sum(other.view is instance.view for other in instances)
+        share = max(1, budget // sum(other.view is instance.view for other in instances))
         points, _ = voxel_downsample(tabletop.cloud.points[instance.rows], CONTACT_VOXEL)
         points = points[contains(instance.view.window.to_window(points))]
         # Normals only for points that have a chance, but from all neighbours.
@@ -90,7 +90,7 @@ def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Genera
     none = Contacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
     parts = [none]
     for number, shape in enumerate(shapes):
-        share = budget // sum(other.instance.view is shape.instance.view for other in shapes)
+        share = max(1, budget // sum(other.instance.view is shape.instance.view for other in shapes))
         if len(shape.mesh.faces) == 0:
             continue
         drawn, faces, *_ = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))

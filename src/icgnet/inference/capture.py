@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import trimesh
 import yaml
 from jaxtyping import Bool, Float, Real
 from PIL import Image, UnidentifiedImageError
+from scipy.io.matlab import MatReadError
 
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.camera import check_intrinsics, metric_depth
@@ -31,7 +33,7 @@ FOCAL_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
 # What reading a broken or foreign file raises in numpy, scipy, Pillow, trimesh and the parsers.
 READ_ERRORS = (
     *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, NotImplementedError),
-    *(zipfile.BadZipFile, UnidentifiedImageError, yaml.YAMLError),
+    *(zipfile.BadZipFile, zlib.error, MatReadError, UnidentifiedImageError, yaml.YAMLError),
 )
 
 
@@ -82,7 +84,7 @@ def read_capture(
     if intrinsics or camera_pose:
         raise InputError(f"{path} is a cloud: --intrinsics and --camera-pose are for depth images, give --viewpoint")
     if viewpoint is None and "viewpoint" in content:
-        viewpoint = content["viewpoint"].tolist()
+        viewpoint = content["viewpoint"]
     return PointCloud(content["points"], None if viewpoint is None else check_viewpoint(viewpoint), "cloud")
 
 
@@ -107,7 +109,10 @@ def check_viewpoint(viewpoint: Any) -> Float[np.ndarray, "3"]:
     Raises:
         InputError: not three finite numbers.
     """
-    position = np.asarray(viewpoint, dtype=np.float64)
+    try:
+        position = np.asarray(viewpoint, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"viewpoint must be three finite numbers x y z [m], got {viewpoint!r}") from error
     if position.shape != (3,) or not np.isfinite(position).all():
         raise InputError(f"viewpoint must be three finite numbers x y z [m], got {np.asarray(viewpoint).tolist()}")
     return position
@@ -188,7 +193,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         if suffix == ".npz":
             return _read_npz(path)
         if suffix == ".ply":
-            return {"points": np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64)}  # pyright: ignore
+            return {"points": _read_ply(path)}
         if suffix == ".npy":
             return {"array": np.load(path, allow_pickle=False)}
         return {"array": np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)}
@@ -214,6 +219,13 @@ def _named(path: Path, content: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         raise InputError(f"{path} must hold points (n, 3) or depth (h, w), got shape {array.shape}")
     # Columns after the third are colours or normals.
     return {"points": array[:, :3]}
+
+
+def _read_ply(path: Path) -> Float[np.ndarray, "n 3"]:
+    content = trimesh.load(path, process=False)
+    if not isinstance(content, trimesh.PointCloud | trimesh.Trimesh):
+        raise ValueError("it has no vertices")
+    return np.asarray(content.vertices, dtype=np.float64)
 
 
 def _read_npz(path: Path) -> dict[str, np.ndarray]:

@@ -18,6 +18,7 @@ from icgnet.grasping import selection
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Box, Gripper, load_gripper
+from icgnet.inference.capture import READ_ERRORS
 from icgnet.objects.classes import CLASSES, class_index
 from icgnet.output_folder import output_folder
 
@@ -70,7 +71,8 @@ class Prediction:
     Attributes:
         objects: the objects, numbered from 0.
         grasps: collision-free grasps, best first.
-        frame_id: "world" when the camera's pose or the table's height was given, else "camera".
+        frame_id: "world" when the camera's pose (of a cloud: its viewpoint) or the table's height was given, else
+            "camera".
         rejected: how many candidate grasps were dropped, by reason.
         timings_ms: time per stage [ms].
         cloud: the measured points, and the viewpoint if it is known.
@@ -280,7 +282,7 @@ def load_prediction(path: str | Path) -> Prediction:
         with np.load(folder / GRASPS_FILE) as saved:
             grasp_file = dict(saved)
         return _assemble(folder, result, cloud_file, grasp_file)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except READ_ERRORS as error:
         raise DataError(f"{folder} is not a saved prediction: {type(error).__name__} {error}") from error
 
 
@@ -331,6 +333,6 @@ class _MeshFile:
     def __call__(self) -> trimesh.Trimesh:
         try:
             mesh = trimesh.load_mesh(self.path, process=False)
-        except (OSError, ValueError, KeyError, IndexError) as error:
+        except READ_ERRORS as error:
             raise DataError(f"cannot read the mesh {self.path}: {error}") from error
         return mesh

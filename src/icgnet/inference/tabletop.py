@@ -6,15 +6,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial.transform import Rotation
 
 from icgnet.errors import InputError, TableNotFoundError
-from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.clouds import UP, PointCloud
 from icgnet.geometry.plane import Plane, fit_table_plane, table_frame
 from icgnet.geometry.transforms import invert_transform, make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, above_table
 
 LARGEST_TILT = np.deg2rad(10.0)
-"""A table tilted more than this against a given world [rad] means that the camera's pose is wrong."""
+"""A table tilted more than this against a given world [rad] means that the camera's pose is wrong; a smaller tilt, of a
+pose that is not exact, is followed."""
 FIT_POINTS = 50_000
 """Points at most that the table is fitted to."""
 REACH = 1.0
@@ -74,12 +76,13 @@ def find_tabletop(
         table_height: height of the table plane in that frame [m]; if None the table is found in the cloud, and what
             stands beside it is not taken for objects.
         rng: draws the planes that are tried.
-        level: whether the input's z axis points up; then the table frame is only shifted against it.
+        level: whether the input's z axis points up; then the table frame is shifted against it, and tilted as far as a
+            table that is looked for is.
         mask: which points may belong to objects; all if None.
 
     Raises:
         TableNotFoundError: no plane is supported by enough points.
-        InputError: `level`, but the table is tilted.
+        InputError: `level`, but the table is tilted by more than 10 degrees.
     """
     T_frame_table = _fitted_frame(cloud, rng, level) if table_height is None else _shifted_up(table_height)
     in_table = cloud.transformed(invert_transform(T_frame_table), "table")
@@ -103,18 +106,21 @@ def _fitted_frame(cloud: PointCloud, rng: np.random.Generator, level: bool) -> F
         raise TableNotFoundError(f"{error}; or give the height of the table (--table-height)") from error
     if not level:
         return invert_transform(table_frame(plane, sample))
-    tilt = np.arccos(np.clip(plane.normal[2], -1.0, 1.0))
+    tilt = float(np.arccos(np.clip(plane.normal[2], -1.0, 1.0)))
     if tilt > LARGEST_TILT:
         raise InputError(
             f"the table found is tilted by {np.rad2deg(tilt):.0f} degrees against the z axis of the world: "
             "correct the camera pose, or leave it out"
         )
-    return _shifted_up(_height_at_middle(plane, sample))
+    return _tilted(plane, tilt, sample)
 
 
-def _height_at_middle(plane: Plane, points: Float[np.ndarray, "n 3"]) -> float:
+def _tilted(plane: Plane, tilt: float, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "4 4"]:
+    """The frame with z = `TABLE_HEIGHT` on the plane, and x and y as in the input at the middle of the points."""
     x, y = np.median(points[:, :2], axis=0)
-    return float(-(plane.normal[0] * x + plane.normal[1] * y + plane.offset) / plane.normal[2])
+    height = -(plane.normal[0] * x + plane.normal[1] * y + plane.offset) / plane.normal[2]
+    R_frame_table = Rotation.from_rotvec(np.cross(UP, plane.normal) / np.sinc(tilt / np.pi)).as_matrix()
+    return make_transform(R_frame_table, np.array([x, y, height]) - R_frame_table @ [x, y, TABLE_HEIGHT])
 
 
 def _shifted_up(table_height: float) -> Float[np.ndarray, "4 4"]:
@@ -132,7 +138,7 @@ def _things(points: Float[np.ndarray, "n 3"], lowest_top: float) -> Bool[np.ndar
     kept = np.zeros(len(points), dtype=bool)
     if len(points) == 0:
         return kept
-    near = np.flatnonzero(np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1) < REACH)
+    near = np.flatnonzero(np.abs(points[:, :2] - _middle(points[:, :2])).max(axis=1) < REACH)
     cells = np.floor(points[near] / max(CELL, 2.0 * _spacing(points[near]))).astype(np.int64)
     # One empty cell around everything, so that no neighbourhood leaves the grid.
     cells += 1 - cells.min(axis=0)
@@ -155,7 +161,9 @@ def _over_table(points: Float[np.ndarray, "n 3"], above: Int[np.ndarray, "a"]) -
     """Which of the points above the table plane are above the table itself: in the hull of what is seen of it."""
     sample = points[:: -(-len(points) // FIT_POINTS)]
     table = sample[np.abs(sample[:, 2] - TABLE_HEIGHT) < TABLE_TOLERANCE, :2]
-    table = table[np.abs(table - np.median(table, axis=0)).max(axis=1) < 2 * REACH]
+    if len(table) == 0:
+        return np.ones(len(above), dtype=bool)
+    table = table[np.abs(table - _middle(table)).max(axis=1) < 2 * REACH]
     edges = [
         np.arange(low, high + 2 * TABLE_CELL, TABLE_CELL) for low, high in zip(table.min(0), table.max(0), strict=True)
     ]
@@ -173,6 +181,11 @@ def _over_table(points: Float[np.ndarray, "n 3"], above: Int[np.ndarray, "a"]) -
     for side in ConvexHull(corners).equations:
         np.maximum(beyond, points[above, :2] @ side[:2] + side[2], out=beyond)
     return beyond <= TABLE_BORDER
+
+
+def _middle(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
+    """The point nearest to the median: the median itself may lie far from all, between two groups of points."""
+    return points[np.abs(points - np.median(points, axis=0)).max(axis=1).argmin()]
 
 
 def _spacing(points: Float[np.ndarray, "n 3"]) -> float:

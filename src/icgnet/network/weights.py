@@ -8,10 +8,11 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from icgnet.errors import DataError, InputError
+from icgnet.files import new_file
 from icgnet.network.config import NetworkConfig
 from icgnet.network.icgnet import IcgNet
 
@@ -46,9 +47,8 @@ def save_weights(
         "metadata": json.dumps(metadata, sort_keys=True),
         "sha256": _digest(tensors),
     }
-    partial = path.with_name(path.name + ".partial")
-    save_file(tensors, partial, header)
-    partial.replace(path)
+    with new_file(path) as file:
+        file.write(save(tensors, header))
 
 
 def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple[IcgNet, dict[str, Any]]:

@@ -1,7 +1,6 @@
 """The moving average of the weights, and checkpoints from which a run goes on as if it had not stopped."""
 
 import copy
-import os
 import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import torch
 from torch import nn
 
 from icgnet.errors import DataError
+from icgnet.files import new_file
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -26,6 +26,7 @@ class Progress:
         step: optimiser steps made.
         visits: scenes seen, over all devices; the next sample is that of this visit.
         elapsed: training time of all legs [s].
+        validated: the same at the last validation [s].
         best: highest selection score on validation scenes.
         finished: whether the budget is used up and the final weights are written.
     """
@@ -33,6 +34,7 @@ class Progress:
     step: int = 0
     visits: int = 0
     elapsed: float = 0.0
+    validated: float = 0.0
     best: float = -1.0
     finished: bool = False
 
@@ -71,9 +73,8 @@ def save_checkpoint(
         "average": average.network.state_dict(),
         "optimizer": optimizer.state_dict(),
     }
-    partial = path.with_name(path.name + ".partial")
-    torch.save(content, partial)
-    os.replace(partial, path)
+    with new_file(path) as file:
+        torch.save(content, file)
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

@@ -1,11 +1,13 @@
 """Everything that a training run depends on, and the named presets."""
 
 import json
+import math
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from icgnet.errors import DataError, InputError
+from icgnet.files import write_json
 from icgnet.network.config import NETWORKS
 from icgnet.training.losses import PUBLISHED, LossWeights
 from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
@@ -149,13 +151,24 @@ class TrainingConfig:
             raise InputError(f"unknown network {self.network!r}; the presets are {', '.join(NETWORKS)}")
         if (self.steps is None) == (self.minutes is None):
             raise InputError(f"give either steps or minutes, got steps={self.steps} and minutes={self.minutes}")
-        if self.batch < 1:
-            raise InputError(f"batch must be at least 1, got {self.batch}")
+        for name in ("steps", "batch", "threads"):
+            if (number := getattr(self, name)) is not None and number < 1:
+                raise InputError(f"{name} must be at least 1, got {number}")
+        for name in ("minutes", "learning_rate"):
+            if (number := getattr(self, name)) is not None and not 0 < number < math.inf:
+                raise InputError(f"{name} must be a number above 0, got {number}")
+        for name in ("workers", "warmup_steps", "weight_decay", "gradient_clip", "validation_scenes"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"{name} must be 0 or more, got {getattr(self, name)}")
+        if not 0 <= self.average_decay < 1:
+            raise InputError(f"average_decay must be from 0 to below 1, got {self.average_decay}")
 
     def progress(self, step: int, elapsed: float) -> float:
         """Used share of the budget, 0 to 1, after `step` steps and `elapsed` seconds of training."""
-        used = step / self.steps if self.steps is not None else elapsed / (60.0 * (self.minutes or 1.0))
-        return min(1.0, used)
+        if self.minutes is not None:
+            return min(1.0, elapsed / (60.0 * self.minutes))
+        assert self.steps is not None
+        return min(1.0, step / self.steps)
 
 
 TRAININGS = {
@@ -228,13 +241,12 @@ def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
         one that a single leg would have given.
 
     Raises:
-        DataError: the folder holds a run with other settings; the message names them.
+        DataError: the folder holds a run with other settings, which the message names, or a file that is damaged.
     """
     path = out / CONFIG_FILE
-    text = json.dumps(content, indent=1)
     changes: dict[str, str] = {}
     if path.is_file():
-        before, now = _flatten(json.loads(path.read_text())), _flatten(json.loads(text))
+        before, now = _flatten(_read(path)), _flatten(json.loads(json.dumps(content)))
         # Folders from before several processes could train do not say it.
         before.setdefault("scenes_per_step", before.get("training.batch"))
         before.setdefault("training.common_statistics", now.get("training.common_statistics"))
@@ -243,8 +255,7 @@ def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
         forbidden = [change for key, change in changes.items() if key not in INDIFFERENT]
         if forbidden:
             raise DataError(f"{out} holds a run with other settings; {'; '.join(forbidden)}")
-    out.mkdir(parents=True, exist_ok=True)
-    path.write_text(text + "\n")
+    write_json(path, content)
     return list(changes.values())
 
 
@@ -256,6 +267,13 @@ def training_record(config: TrainingConfig, processes: int, data: dict[str, Any]
         "network": NETWORKS[config.network].to_dict(),
         "data": data,
     }
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text())
+    except ValueError as error:
+        raise DataError(f"{path} is damaged ({error}): put it right, or name another folder for the run") from error
 
 
 def _flatten(content: Any, prefix: str = "") -> dict[str, Any]:

@@ -29,6 +29,10 @@ from icgnet.training.sample import Sample, choose_contacts, majority, renumber
 
 FEWEST_POINTS = 50
 """A view with fewer points on the objects is drawn again."""
+VIEWS_TRIED = 4
+"""Views of a scene that are drawn before it is given up."""
+MOST_EMPTY = 100
+"""So many scenes in a row without anything to see are an error."""
 SEEN_DISTANCE = 0.004
 
 
@@ -57,15 +61,26 @@ class RecipeDataset(Dataset):
         return len(self.recipes)
 
     def __getitem__(self, visit: int) -> Sample:
-        """The sample of a visit, 0 or any larger number."""
-        attempt = 0
-        while True:
-            rng = np.random.default_rng([self.seed, visit, attempt])
+        """The sample of a visit, 0 or any larger number.
+
+        Raises:
+            DataError: neither this scene nor any of those that come next shows anything.
+        """
+        for later in range(min(len(self), MOST_EMPTY)):
             # A scene without anything to see (all objects gone) gives way to the one that comes next.
-            sample = self._sample(self.recipes[self.scene_of(visit + attempt // 4)], rng)
+            sample = self.look(visit, later)
             if sample is not None:
                 return sample
-            attempt += 1
+        raise DataError(f"nothing can be seen in {later + 1} scenes in a row, from visit {visit} on: are they empty?")
+
+    def look(self, visit: int, later: int = 0) -> Sample | None:
+        """The sample of a visit at its own scene, or at one that comes `later`; None if nothing is seen there."""
+        recipe = self.recipes[self.scene_of(visit + later)]
+        for attempt in range(VIEWS_TRIED * later, VIEWS_TRIED * (later + 1)):
+            sample = self._sample(recipe, np.random.default_rng([self.seed, visit, attempt]))
+            if sample is not None:
+                return sample
+        return None
 
     def scene_of(self, visit: int) -> int:
         """Index of the recipe that a visit looks at."""

@@ -4,7 +4,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from icgnet.datagen.recipe import Recipe, read_recipes
-from icgnet.errors import DataError
+from icgnet.errors import DataError, TrainingDivergedError
+from icgnet.files import cut_unfinished_line
 from icgnet.network.batch_norm import synchronise_statistics
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
@@ -86,8 +87,7 @@ def train(
     if not by_split["train"]:
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
     fabric, out = join_processes(accelerator), Path(out)
-    check_same(fabric, "scenes", _fingerprint(recipes))
-    check_same(fabric, "common_statistics", config.common_statistics)  # else they would wait for each other for ever
+    check_same(fabric, to_agree_on(config, recipes) | {"leg_steps": leg_steps})
     if not fabric.is_global_zero:
         report = _silence
     else:
@@ -170,10 +170,12 @@ class Trainer:
             return evaluate(self.average.network, self.validation, self.config.matching)
         if self.progress.step:
             self.report(f"going on from step {self.progress.step}")
+        if self.fabric.is_global_zero:
+            cut_unfinished_line(self.out / METRICS_FILE)
         batches = self.batches()
         clock = Clock(self.progress.elapsed)
         log = TrainingLog()
-        saved = validated = logged = self.progress.elapsed
+        saved = logged = self.progress.elapsed
         last_step = self.progress.step + leg_steps if leg_steps is not None else None
         while self.config.progress(self.progress.step, self.progress.elapsed) < 1.0 and self.progress.step != last_step:
             with log.waiting:
@@ -185,12 +187,16 @@ class Trainer:
                 means = log.summary(now - logged, self.fabric)
                 self._write("train", means | {"learning_rate": self.learning_rate})
                 log, logged = TrainingLog(), now
-            if now - validated > 60 * self.config.validation_minutes:
+            validates = now - self.progress.validated > 60 * self.config.validation_minutes
+            if validates:
+                self.progress.validated = now
                 self._validate()
-                validated = logged = agreed(self.fabric, clock.elapsed)
-            if now - saved > 60 * self.config.checkpoint_minutes:
+            # After a validation always, so that the file of the best weights and the score they had stay together.
+            if validates or now - saved > 60 * self.config.checkpoint_minutes:
                 self._save()
                 saved = now
+            if validates:
+                log, logged = TrainingLog(), agreed(self.fabric, clock.elapsed)
         return self._finish(stopped_early=self.progress.step == last_step)
 
     def batches(self) -> Iterator[list[Sample]]:
@@ -210,7 +216,7 @@ class Trainer:
         """One optimiser step.
 
         Raises:
-            RuntimeError: the last `MOST_SKIPPED` gradients were not finite.
+            TrainingDivergedError: the last `MOST_SKIPPED` gradients were not finite.
         """
         loss, scenes = self.forward(samples)
         self.backward(loss)
@@ -218,7 +224,10 @@ class Trainer:
         skipped = not math.isfinite(norm)
         self._skipped_in_a_row = self._skipped_in_a_row + 1 if skipped else 0
         if self._skipped_in_a_row == MOST_SKIPPED:
-            raise RuntimeError(f"the gradient was not finite in {MOST_SKIPPED} steps in a row: training has diverged")
+            raise TrainingDivergedError(
+                f"the gradient was not finite in {MOST_SKIPPED} steps in a row, up to step {self.progress.step}: "
+                f"training has diverged; lower the learning rate ({self.config.learning_rate:g})"
+            )
         return Step(scenes, norm, skipped)
 
     def forward(self, samples: list[Sample]) -> tuple[Tensor, list[dict[str, Tensor]]]:
@@ -331,10 +340,11 @@ def _silence(line: str) -> None:
     """Reports nothing."""
 
 
-def _fingerprint(recipes: list[Recipe]) -> str:
-    """Number of the scenes and a checksum of which they are and in which order."""
+def to_agree_on(config: TrainingConfig, recipes: Sequence[Recipe]) -> dict[str, Any]:
+    """What processes that train together must have in common, by name: the scenes and nearly all settings."""
     names = [(each.object_set, each.kind, each.split, each.seed, each.scene_id) for each in recipes]
-    return f"{len(recipes)} scenes {zlib.crc32(repr(names).encode()):08x}"
+    settings = {name: value for name, value in asdict(config).items() if name not in ("threads", "workers")}
+    return {"scenes": f"{len(recipes)} scenes {zlib.crc32(repr(names).encode()):08x}", **settings}
 
 
 def _rounded(value: Any) -> Any:

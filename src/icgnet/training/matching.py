@@ -57,7 +57,8 @@ def match_queries(
     if seeds is not None:
         foreign = seeds[None] != torch.arange(len(masks), device=seeds.device)[:, None]
         cost += FOREIGN_COST * foreign
-    _, queries = linear_sum_assignment(cost.cpu().numpy())
+    # A network that computes NaN gets any assignment; what follows from it is NaN, too, and the step is skipped.
+    _, queries = linear_sum_assignment(cost.nan_to_num(FOREIGN_COST, FOREIGN_COST, -FOREIGN_COST).cpu().numpy())
     return torch.as_tensor(queries, dtype=torch.int64, device=mask_logits.device)
 
 

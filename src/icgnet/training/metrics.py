@@ -3,7 +3,7 @@
 All numbers are pooled over the scenes, except precision at the top, which is averaged over them.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import torch
@@ -24,8 +24,9 @@ THRESHOLDS = np.linspace(0.05, 0.95, 19)
 
 @dataclass
 class Tally:
-    """What is counted while going through the scenes."""
+    """What is counted while going through the scenes; the sum of two is that of the scenes of both."""
 
+    scenes: int = 0
     scores: list[Float[np.ndarray, "n"]] = field(default_factory=list)
     labels: list[Bool[np.ndarray, "n"]] = field(default_factory=list)
     seen: list[Bool[np.ndarray, "n"]] = field(default_factory=list)
@@ -41,10 +42,18 @@ class Tally:
     instances: int = 0
     classes_right: list[bool] = field(default_factory=list)
 
+    def __add__(self, other: "Tally") -> "Tally":
+        return Tally(**{each.name: getattr(self, each.name) + getattr(other, each.name) for each in fields(self)})
+
+
+def evaluate(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None = None) -> dict[str, float]:
+    """The metrics of a network, see `count_scenes`; none without scenes."""
+    return summarise(count_scenes(network, samples, costs))
+
 
 @torch.no_grad()
-def evaluate(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None = None) -> dict[str, float]:
-    """The metrics of a network in evaluation mode.
+def count_scenes(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None = None) -> Tally:
+    """Lets a network in evaluation mode predict the scenes, and counts.
 
     Args:
         network: it is left in the mode it was in.
@@ -57,11 +66,12 @@ def evaluate(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None
     for sample in samples:
         count_scene(tally, network, sample, costs or MatchingCosts())
     network.train(was_training)
-    return summarise(tally)
+    return tally
 
 
 def count_scene(tally: Tally, network: IcgNet, sample: Sample, costs: MatchingCosts) -> None:
     """Adds one scene to the tally."""
+    tally.scenes += 1
     embedding = network.encode([sample.input])[0]
     final = embedding.stages[-1]
     queries = queries_of_instances(network, embedding, sample, costs)

@@ -2,7 +2,7 @@
 
 import os
 from datetime import timedelta
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from jaxtyping import Float
@@ -64,12 +64,18 @@ def agreed(fabric: Fabric, value: float) -> float:
     return float(total(fabric, torch.tensor(value, dtype=torch.float64))) / fabric.world_size
 
 
-def check_same(fabric: Fabric, what: str, value: object) -> None:
-    """Makes sure that every process has the same.
+def check_same(fabric: Fabric, own: dict[str, Any]) -> None:
+    """Makes sure that every process has the same: else they would wait for each other for ever.
+
+    Args:
+        fabric: of the process.
+        own: what has to be the same, by name.
 
     Raises:
-        DataError: in a process whose value is not that of the first.
+        DataError: in a process that has something else than the first; the message names what.
     """
-    first = fabric.broadcast(value)
-    if first != value:
-        raise DataError(f"process {fabric.global_rank} has other {what} than the first: {value} here, {first} there")
+    first = fabric.broadcast(own)
+    other = [name for name, value in own.items() if first.get(name) != value]
+    if other:
+        differences = "; ".join(f"{name}: {own[name]} here, {first.get(name)} there" for name in other)
+        raise DataError(f"process {fabric.global_rank} has not what the first has; {differences}")

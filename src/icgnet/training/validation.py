@@ -13,7 +13,7 @@ from icgnet.network.weights import load_weights
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.config import TRAININGS, Sampling
 from icgnet.training.dataset import RecipeDataset
-from icgnet.training.metrics import evaluate
+from icgnet.training.metrics import Tally, count_scenes, summarise
 from icgnet.training.sample import Sample
 
 VALIDATION_SEED = 20_000
@@ -58,15 +58,21 @@ def validation_samples(
         network: name of the network preset that the samples are for.
         sampling: of the training; augmentation is switched off.
         scenes: at most so many recipes are used, drawn once and for all.
-        recipes: of scenes that are not trained on.
+        recipes: of scenes that are not trained on; those that show nothing are left out.
         object_sets: what the recipes are made of, by name.
     """
-    order = np.random.default_rng(VALIDATION_SEED).permutation(len(recipes))[:scenes]
-    if len(order) == 0:
+    chosen = draw_scenes(recipes, scenes)
+    if not chosen:
         return []
-    chosen = [recipes[index] for index in order]
     dataset = RecipeDataset(chosen, object_sets, sampling.for_validation(), NETWORKS[network], VALIDATION_SEED)
-    return [dataset[visit] for visit in range(len(chosen))]
+    samples = [dataset.look(visit) for visit in range(len(chosen))]
+    return [sample for sample in samples if sample is not None]
+
+
+def draw_scenes(recipes: Sequence[Recipe], most: int) -> list[Recipe]:
+    """At most so many of the recipes, of all kinds that there are, the same every time."""
+    order = np.random.default_rng(VALIDATION_SEED).permutation(len(recipes))[:most]
+    return [recipes[index] for index in order]
 
 
 def evaluate_weights(
@@ -100,6 +106,6 @@ def evaluate_weights(
         kind: validation_samples(network.config.name, cpu.sampling, len(group), group, object_sets)
         for kind, group in groups.items()
     }
-    result = {kind: evaluate(network, each, cpu.matching) | {"scenes": len(each)} for kind, each in samples.items()}
-    together = [sample for each in samples.values() for sample in each]
-    return result | {"all": evaluate(network, together, cpu.matching) | {"scenes": len(together)}}
+    tallies = {kind: count_scenes(network, each, cpu.matching) for kind, each in samples.items()}
+    tallies["all"] = sum(tallies.values(), start=Tally())
+    return {kind: summarise(tally) | {"scenes": tally.scenes} for kind, tally in tallies.items()}

@@ -6,13 +6,13 @@ import sys
 
 import pytest
 
-from icgnet.datagen.files import new_file, remove_partial_files, write_json
 from icgnet.errors import DataError
+from icgnet.files import new_file, remove_partial_files, write_json
 
 LITTLE_DISK = """
 import resource, sys
 from pathlib import Path
-from icgnet.datagen.files import new_file
+from icgnet.files import new_file
 from icgnet.errors import DataError
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
@@ -25,7 +25,7 @@ except DataError as error:
 DEATH = """
 import os, signal, sys
 from pathlib import Path
-from icgnet.datagen.files import new_file
+from icgnet.files import new_file
 with new_file(Path(sys.argv[1])) as file:
     file.write(b"half")
     file.flush()

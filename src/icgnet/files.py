@@ -58,6 +58,14 @@ def _finite(value: object) -> object:
     return value
 
 
+def cut_unfinished_line(path: Path) -> None:
+    """Takes away what a killed run had begun to append to a file of lines, if there is such a file."""
+    if path.is_file():
+        with path.open("r+b") as file:
+            content = file.read()
+            file.truncate(content.rfind(b"\n") + 1)
+
+
 def remove_partial_files(directory: Path) -> None:
     """Deletes what a killed run had begun to write."""
     for path in directory.glob(f"*{PARTIAL}"):
