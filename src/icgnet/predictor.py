@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
 
@@ -29,6 +28,7 @@ from icgnet.inference.tabletop import Tabletop, find_tabletop
 from icgnet.inference.windows import cover
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
+from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
@@ -71,10 +71,7 @@ class Predictor:
             DataError: the weights or the gripper cannot be used.
             InputError: a number of threads below 1.
         """
-        if threads is not None:
-            if threads < 1:
-                raise InputError(f"threads must be at least 1, got {threads}")
-            torch.set_num_threads(threads)
+        set_threads(threads)
         if weights is None and not DEFAULT_WEIGHTS.is_file():
             raise DataError(f"this installation has no weights ({DEFAULT_WEIGHTS} is missing): give a weights file")
         network, _ = load_weights(DEFAULT_WEIGHTS if weights is None else weights)

@@ -15,6 +15,7 @@ from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.prediction import Prediction
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
+from icgnet.network.threads import set_threads
 from icgnet.predictor import Predictor
 
 InputName = Literal["cloud", "depth"]
@@ -79,10 +80,7 @@ def untrained_predictor(preset: str, threads: int | None = None) -> Predictor:
     """
     if preset not in NETWORKS:
         raise InputError(f"preset must be one of {', '.join(NETWORKS)}, got {preset!r}")
-    if threads is not None and threads < 1:
-        raise InputError(f"threads must be at least 1, got {threads}")
-    if threads is not None:
-        torch.set_num_threads(threads)
+    set_threads(threads)
     torch.manual_seed(0)
     return Predictor(IcgNet(NETWORKS[preset]), load_gripper())
 

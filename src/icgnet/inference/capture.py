@@ -84,7 +84,7 @@ def read_capture(
     if intrinsics or camera_pose:
         raise InputError(f"{path} is a cloud: --intrinsics and --camera-pose are for depth images, give --viewpoint")
     if viewpoint is None and "viewpoint" in content:
-        viewpoint = content["viewpoint"]
+        viewpoint = content["viewpoint"].tolist()
     return PointCloud(content["points"], None if viewpoint is None else check_viewpoint(viewpoint), "cloud")
 
 

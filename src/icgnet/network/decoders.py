@@ -19,7 +19,7 @@ class Affordance:
     widths: Float[Tensor, " g"]
     """Opening between the finger tips when they touch the object [m]."""
     contact_logits: Float[Tensor, " g"]
-    """Whether any angle succeeds: cheap, to choose the contacts that are worth reading at hand points."""
+    """Whether any angle succeeds, from the contact alone: an auxiliary target of the training."""
 
 
 class ConditionedDecoder(nn.Module):

@@ -20,13 +20,14 @@ from torch import nn
 from icgnet.errors import DataError, InputError
 from icgnet.network.hand_decoder import HandDecoder
 from icgnet.network.icgnet import IcgNet
+from icgnet.network.threads import set_threads
 from icgnet.network.weights import is_stored_in_half, load_weights, save_weights, stored_checksum
 from icgnet.training.config import TRAININGS
 from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import queries_of_instances
 from icgnet.training.reliability import Reliability, reliability
 from icgnet.training.sample import Sample
-from icgnet.training.validation import load_object_sets, recipes_of_split, set_threads, validation_samples
+from icgnet.training.validation import load_object_sets, recipes_of_split, validation_samples
 
 GOOD_SCORE = 0.5
 METADATA_KEY = "calibration"

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from icgnet.datagen.recipe import Recipe, read_recipes
-from icgnet.errors import DataError, InputError
+from icgnet.errors import DataError
 from icgnet.network.config import NETWORKS
+from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.config import TRAININGS, Sampling
@@ -35,18 +35,6 @@ def recipes_of_split(data: Sequence[Path], split: str) -> list[Recipe]:
     if not recipes:
         raise DataError(f"no recipes of split {split!r} in {', '.join(map(str, data))}")
     return recipes
-
-
-def set_threads(threads: int | None) -> None:
-    """Lets the whole process compute with so many CPU threads; with as many as torch takes if None.
-
-    Raises:
-        InputError: a number below 1.
-    """
-    if threads is not None:
-        if threads < 1:
-            raise InputError(f"threads must be at least 1, got {threads}")
-        torch.set_num_threads(threads)
 
 
 def validation_samples(

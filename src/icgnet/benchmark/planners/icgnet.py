@@ -55,7 +55,7 @@ class IcgNetPlanner:
         if len(cloud) == 0:
             return Plan.nothing()
         search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")
-        predictor = Predictor(self._predictor.network, gripper, search)
+        predictor = Predictor(self._predictor.network, gripper, search, seed=int(observation.rng.integers(2**31)))
         prediction = predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
         grasps = prediction.grasps
         return Plan(grasps.poses, grasps.openings, grasps.scores, prediction)
