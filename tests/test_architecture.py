@@ -1,10 +1,14 @@
 """Imports point one way, and heavy packages stay in the folder that needs them (docs/architecture.md)."""
 
 import ast
+import builtins
+import dis
+import importlib
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import CodeType
 
 import pytest
 
@@ -97,6 +101,18 @@ def test_a_heavy_package_is_imported_only_at_home(package):
         if any(name.split(".")[0] == package for name in imported(module))
     }
     assert users <= AT_HOME[package]
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_every_global_name_is_defined(module):
+    # Linters cannot tell: the letters of jaxtyping's shapes look like names to them.
+    name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
+    known = {*vars(importlib.import_module(name)), *vars(builtins)}
+    codes = [compile((PACKAGE / module).read_text(), str(module), "exec")]
+    for code in codes:
+        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+        used = {each.argval for each in dis.get_instructions(code) if each.opname == "LOAD_GLOBAL"}
+        assert used <= known, f"{code.co_qualname} uses {sorted(used - known)}"
 
 
 def test_help_loads_neither_torch_nor_the_physics_engine():

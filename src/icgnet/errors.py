@@ -14,7 +14,7 @@ class TableNotFoundError(InputError):
 
 
 class TrainingDivergedError(IcgnetError):
-    """The gradient stays infinite or NaN; the run's last checkpoint is as it was."""
+    """The gradient stays infinite or NaN."""
 
 
 class DataError(IcgnetError):

@@ -1,6 +1,7 @@
 """Inputs from files."""
 
 import json
+import zlib
 
 import numpy as np
 import pytest
@@ -157,8 +158,11 @@ def test_a_broken_file_is_named(tmp_path, name):
 def test_a_file_that_is_damaged_inside_is_named(tmp_path):
     np.savez_compressed(tmp_path / "a.npz", depth=np.random.default_rng(0).random((90, 90)), K=np.eye(3))
     content = bytearray((tmp_path / "a.npz").read_bytes())
-    content[2000:2200] = bytes(200)
+    begin = 30 + int.from_bytes(content[26:28], "little") + int.from_bytes(content[28:30], "little")
+    content[begin] = 0xFF  # no kind of deflated block
     (tmp_path / "a.npz").write_bytes(bytes(content))
+    with pytest.raises(zlib.error):
+        np.load(tmp_path / "a.npz")["depth"]
     with pytest.raises(DataError, match=r"cannot read .*a\.npz"):
         read_capture(tmp_path / "a.npz")
 

@@ -11,7 +11,6 @@ from icgnet.network.weights import load_weights
 from icgnet.training.checkpoint import CHECKPOINT_FILE, WeightAverage, read_checkpoint
 from icgnet.training.config import TRAININGS, Sampling, TrainingConfig
 from icgnet.training.loop import BEST_FILE, FINAL_FILE, METRICS_FILE, Trainer
-from icgnet.training.metrics import selection_score
 from icgnet.viewer.training_curves import read_run
 
 CONFIG = replace(
@@ -81,22 +80,17 @@ def test_finished_run_says_so_and_stays(train_shapes, tmp_path):
     assert_same_weights(before, state_of(tmp_path))
 
 
-def test_best_weights_and_their_score_are_kept_together_when_a_run_is_killed(train_shapes, tmp_path, monkeypatch):
-    step = Trainer.step
-
-    def dies_in_the_third(trainer, samples):
-        if trainer.progress.step == 2:
-            raise KeyboardInterrupt
-        return step(trainer, samples)
-
-    monkeypatch.setattr(Trainer, "step", dies_in_the_third)
-    with pytest.raises(KeyboardInterrupt):
-        train_shapes(replace(CONFIG, validation_minutes=0.0, checkpoint_minutes=60.0), tmp_path)
-    progress = state_of(tmp_path)["progress"]
-    _, metadata = load_weights(tmp_path / BEST_FILE)
-    assert progress["step"] == 2
-    assert progress["best"] == pytest.approx(selection_score(metadata["metrics"]))
-    assert progress["validated"] == progress["elapsed"]
+def test_best_weights_stay_when_a_run_is_killed_before_its_next_checkpoint(train_shapes, tmp_path, monkeypatch):
+    scores = iter([{"grasp_best_f1": 0.1}, {"grasp_best_f1": 0.9}, {"grasp_best_f1": 0.5}, {"grasp_best_f1": 0.4}])
+    monkeypatch.setattr("icgnet.training.loop.evaluate", lambda *_: next(scores))
+    config = replace(CONFIG, steps=3, validation_minutes=0.0)
+    train_shapes(config, tmp_path, leg_steps=1)
+    checkpoint = (tmp_path / CHECKPOINT_FILE).read_bytes()
+    train_shapes(config, tmp_path, leg_steps=1)
+    best = (tmp_path / BEST_FILE).read_bytes()
+    (tmp_path / CHECKPOINT_FILE).write_bytes(checkpoint)
+    train_shapes(config, tmp_path, leg_steps=1)
+    assert (tmp_path / BEST_FILE).read_bytes() == best
 
 
 def test_a_line_that_a_kill_cut_off_is_taken_away(train_shapes, tmp_path):
@@ -109,9 +103,28 @@ def test_a_line_that_a_kill_cut_off_is_taken_away(train_shapes, tmp_path):
     assert steps[-1] == 6
 
 
-def test_a_run_that_diverges_says_so_and_keeps_its_weights(train_shapes, tmp_path):
+def test_a_run_that_diverges_says_so(train_shapes, tmp_path):
     with pytest.raises(TrainingDivergedError, match=r"20 steps in a row.*lower the learning rate \(1e\+30\)"):
         train_shapes(replace(CONFIG, steps=60, learning_rate=1e30, warmup_steps=0), tmp_path)
+
+
+def test_a_step_that_computes_nan_changes_nothing(train_shapes, tmp_path, monkeypatch):
+    forward = Trainer.forward
+
+    def nan_in_the_third(trainer, samples):
+        if trainer.progress.step == 2:
+            samples = [replace(each, input=replace(each.input, dense=each.input.dense * torch.nan)) for each in samples]
+        return forward(trainer, samples)
+
+    monkeypatch.setattr(Trainer, "forward", nan_in_the_third)
+    train_shapes(CONFIG, tmp_path, leg_steps=2)
+    before = state_of(tmp_path)
+    train_shapes(CONFIG, tmp_path, leg_steps=1)
+    assert_same_weights(before, state_of(tmp_path))
+    train_shapes(CONFIG, tmp_path)
+    lines = [line for line in read_run(tmp_path).lines if line["kind"] == "train"]
+    assert [line["skipped"] for line in lines] == [0, 0, 1, 0, 0, 0]
+    assert all(value.isfinite().all() for value in state_of(tmp_path)["average"].values())
 
 
 def test_folder_of_another_run_is_refused_by_name(train_shapes, tmp_path):

@@ -14,7 +14,16 @@ from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import PlannerSource, load_planner
-from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, carry_out, look
+from icgnet.benchmark.rounds import (
+    NOTHING_FOUND,
+    PLANNER,
+    Attempt,
+    Round,
+    Shot,
+    carry_out,
+    look,
+    random_stream,
+)
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
@@ -106,7 +115,10 @@ def with_left_out(
 
     Its first grasp is carried out, by the rules of the benchmark.
     """
-    plan = believer.plan(seen.observation)
+    shot = seen.shot
+    # The draws of the plan that found nothing, once more.
+    draws = random_stream(config, shot.run, shot.round, PLANNER, shot.attempt)
+    plan = believer.plan(replace(seen.observation, rng=draws))
     if len(plan) == 0:
         return replace(seen, believed=plan)
     scene = seen.truth.scene

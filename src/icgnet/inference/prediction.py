@@ -12,13 +12,12 @@ import trimesh
 from jaxtyping import Float, Int, Real
 from PIL import Image
 
-from icgnet.errors import DataError, InputError
+from icgnet.errors import DataError, IcgnetError, InputError
 from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping import selection
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Box, Gripper, load_gripper
-from icgnet.inference.capture import READ_ERRORS
 from icgnet.objects.classes import CLASSES, class_index
 from icgnet.output_folder import output_folder
 
@@ -282,7 +281,9 @@ def load_prediction(path: str | Path) -> Prediction:
         with np.load(folder / GRASPS_FILE) as saved:
             grasp_file = dict(saved)
         return _assemble(folder, result, cloud_file, grasp_file)
-    except READ_ERRORS as error:
+    except IcgnetError:
+        raise
+    except Exception as error:  # there is no end to what a broken file can raise
         raise DataError(f"{folder} is not a saved prediction: {type(error).__name__} {error}") from error
 
 
@@ -333,6 +334,6 @@ class _MeshFile:
     def __call__(self) -> trimesh.Trimesh:
         try:
             mesh = trimesh.load_mesh(self.path, process=False)
-        except READ_ERRORS as error:
+        except Exception as error:
             raise DataError(f"cannot read the mesh {self.path}: {error}") from error
         return mesh

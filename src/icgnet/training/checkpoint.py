@@ -1,6 +1,7 @@
 """The moving average of the weights, and checkpoints from which a run goes on as if it had not stopped."""
 
 import copy
+import io
 import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -73,8 +74,10 @@ def save_checkpoint(
         "average": average.network.state_dict(),
         "optimizer": optimizer.state_dict(),
     }
+    serialised = io.BytesIO()
+    torch.save(content, serialised)
     with new_file(path) as file:
-        torch.save(content, file)
+        file.write(serialised.getbuffer())
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

@@ -157,8 +157,9 @@ class TrainingConfig:
         for name in ("minutes", "learning_rate"):
             if (number := getattr(self, name)) is not None and not 0 < number < math.inf:
                 raise InputError(f"{name} must be a number above 0, got {number}")
-        for name in ("workers", "warmup_steps", "weight_decay", "gradient_clip", "validation_scenes"):
-            if not getattr(self, name) >= 0:
+        not_negative = ("workers", "warmup_steps", "weight_decay", "gradient_clip", "validation_scenes")
+        for name in (*not_negative, "log_seconds", "validation_minutes", "checkpoint_minutes"):
+            if not 0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be 0 or more, got {getattr(self, name)}")
         if not 0 <= self.average_decay < 1:
             raise InputError(f"average_decay must be from 0 to below 1, got {self.average_decay}")

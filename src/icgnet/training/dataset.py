@@ -66,12 +66,12 @@ class RecipeDataset(Dataset):
         Raises:
             DataError: neither this scene nor any of those that come next shows anything.
         """
-        for later in range(min(len(self), MOST_EMPTY)):
+        for later in range(MOST_EMPTY):
             # A scene without anything to see (all objects gone) gives way to the one that comes next.
             sample = self.look(visit, later)
             if sample is not None:
                 return sample
-        raise DataError(f"nothing can be seen in {later + 1} scenes in a row, from visit {visit} on: are they empty?")
+        raise DataError(f"nothing can be seen in {MOST_EMPTY} scenes in a row, from visit {visit} on: are they empty?")
 
     def look(self, visit: int, later: int = 0) -> Sample | None:
         """The sample of a visit at its own scene, or at one that comes `later`; None if nothing is seen there."""

@@ -187,16 +187,13 @@ class Trainer:
                 means = log.summary(now - logged, self.fabric)
                 self._write("train", means | {"learning_rate": self.learning_rate})
                 log, logged = TrainingLog(), now
-            validates = now - self.progress.validated > 60 * self.config.validation_minutes
-            if validates:
-                self.progress.validated = now
+            if now - self.progress.validated > 60 * self.config.validation_minutes:
                 self._validate()
-            # After a validation always, so that the file of the best weights and the score they had stay together.
-            if validates or now - saved > 60 * self.config.checkpoint_minutes:
+                self.progress.validated = agreed(self.fabric, clock.elapsed)
+                logged += self.progress.validated - now
+            if now - saved > 60 * self.config.checkpoint_minutes:
                 self._save()
                 saved = now
-            if validates:
-                log, logged = TrainingLog(), agreed(self.fabric, clock.elapsed)
         return self._finish(stopped_early=self.progress.step == last_step)
 
     def batches(self) -> Iterator[list[Sample]]:
@@ -218,10 +215,14 @@ class Trainer:
         Raises:
             TrainingDivergedError: the last `MOST_SKIPPED` gradients were not finite.
         """
+        statistics = [each.clone() for each in self.network.buffers()]
         loss, scenes = self.forward(samples)
         self.backward(loss)
         norm = self.update()
         skipped = not math.isfinite(norm)
+        if skipped:  # the forward pass has moved the running statistics
+            for each, before in zip(self.network.buffers(), statistics, strict=True):
+                each.copy_(before)
         self._skipped_in_a_row = self._skipped_in_a_row + 1 if skipped else 0
         if self._skipped_in_a_row == MOST_SKIPPED:
             raise TrainingDivergedError(
@@ -271,7 +272,12 @@ class Trainer:
         if self.fabric.is_global_zero and self.checkpoint_path.is_file():
             content = read_checkpoint(self.checkpoint_path)
         content = self.fabric.broadcast(content)
-        return Progress() if content is None else restore(content, self.network, self.average, optimizer)
+        progress = Progress() if content is None else restore(content, self.network, self.average, optimizer)
+        best = self.out / BEST_FILE
+        if content is not None and best.is_file():
+            # They may have been written after the checkpoint.
+            progress.best = max(progress.best, selection_score(load_weights(best)[1]["metrics"]))
+        return progress
 
     def _validate(self) -> dict[str, float]:
         """Metrics of the averaged weights; they become the run's weights when they are the best so far.
