@@ -1,4 +1,5 @@
 import csv
+import json
 import pickle
 from pathlib import Path
 
@@ -64,17 +65,24 @@ def test_a_class_list_may_name_the_class_that_an_object_could_have_had_as_well(u
     assert objects.class_alternative("packed/tin") is None
     with pytest.raises(InputError, match="saucer"):
         objects.class_alternative("packed/saucer")
-    path.write_text('{"objects": {"cup": "mug"}, "uncertain": ["cup"]}')
-    with pytest.raises(DataError, match=r'"uncertain" must map .* found list'):
-        load_object_set(urdf_folder)
-    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cap": "no handle left; alternative: cylindric"}}')
-    with pytest.raises(DataError, match="'cap' is not among the"):
-        load_object_set(urdf_folder)
-    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left"}}')
-    with pytest.raises(DataError, match=r"'cup' must end with \"alternative: CLASS\""):
-        load_object_set(urdf_folder)
-    path.write_text('{"objects": {"cup": "mug"}, "uncertain": {"cup": "no handle left; alternative: beaker"}}')
-    with pytest.raises(DataError, match="'cup' has the alternative 'beaker'; the classes are mug, box"):
+
+
+@pytest.mark.parametrize(
+    ("uncertain", "message"),
+    [
+        (["cup"], r'"uncertain" must map .* found list'),
+        ({"cap": "no handle left; alternative: cylindric"}, "'cap' is not among the"),
+        ({"cup": "no handle left"}, r"'cup' must end with \"alternative: CLASS\""),
+        (
+            {"cup": "no handle left; alternative: beaker"},
+            "'cup' has the alternative 'beaker'; the classes are mug, box",
+        ),
+    ],
+    ids=["a list", "no such object", "no alternative", "no such class"],
+)
+def test_a_broken_list_of_alternatives_is_named(urdf_folder: Path, uncertain, message):
+    (urdf_folder / "classes.json").write_text(json.dumps({"objects": {"cup": "mug"}, "uncertain": uncertain}))
+    with pytest.raises(DataError, match=message):
         load_object_set(urdf_folder)
 
 

@@ -210,7 +210,7 @@ def measure_training(
 
     Raises:
         InputError: no steps asked for.
-        DataError: no usable recipes, or a missing object set.
+        DataError: no usable recipes, a missing object set, or other scenes or settings than the first process has.
     """
     if steps < 1:
         raise InputError(f"steps must be at least 1, got {steps}")

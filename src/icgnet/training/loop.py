@@ -80,7 +80,8 @@ def train(
     Raises:
         InputError: fewer GPUs than processes.
         DataError: no training recipes, a missing object set, a damaged checkpoint, weights that are damaged or of
-            another network, a run with other settings, or other scenes than the first process has.
+            another network, a run with other settings, or other scenes or settings than the first process has.
+        TrainingDivergedError: gradients stay infinite or NaN.
     """
     recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
     by_split = {split: [recipe for recipe in recipes if recipe.split == split] for split in ("train", "val")}
@@ -274,7 +275,7 @@ class Trainer:
         content = self.fabric.broadcast(content)
         progress = Progress() if content is None else restore(content, self.network, self.average, optimizer)
         best = self.out / BEST_FILE
-        if content is not None and best.is_file():
+        if content is not None and self.fabric.is_global_zero and best.is_file():
             # They may have been written after the checkpoint.
             progress.best = max(progress.best, selection_score(load_weights(best)[1]["metrics"]))
         return progress
