@@ -16,7 +16,7 @@ import icgnet
 
 PACKAGE = Path(icgnet.__file__).parent
 
-FOUNDATION = {"errors", "files", "output_folder"}
+FOUNDATION = {"errors", "files", "output_folder", "settings"}
 """The modules that stand below everything; beside them there is the predictor, on top of the folder `inference`."""
 
 MAY_IMPORT = {
