@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.datagen.job import GenerateConfig, Job
-from icgnet.datagen.pool import LocalPool
+from icgnet.datagen.job import GenerateConfig, GenerateJob
 from icgnet.datagen.recipe import Recipe, RecipeContacts
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from icgnet.parallel.pool import LocalPool
 
 
-def make(job_class: type[Job], *arguments) -> Job:
+def make(job_class: type[GenerateJob], *arguments) -> GenerateJob:
     return job_class(GenerateConfig(seed=4), load_object_set("procedural"), load_gripper("franka"), *arguments)
 
 
@@ -28,13 +28,13 @@ def empty_recipe(scene_id: int) -> Recipe:
 
 
 @dataclass(frozen=True)
-class QuickJob(Job):
+class QuickJob(GenerateJob):
     def make(self, number: int) -> Recipe:
         return empty_recipe(number)
 
 
 @dataclass(frozen=True)
-class FatalJob(Job):
+class FatalJob(GenerateJob):
     """The scene `fatal` kills its workers until so many of them have left their mark in a folder."""
 
     fatal: int
@@ -49,7 +49,7 @@ class FatalJob(Job):
 
 
 @dataclass(frozen=True)
-class FaultyJob(Job):
+class FaultyJob(GenerateJob):
     """The scene 2 raises an error that nobody has foreseen."""
 
     def make(self, number: int) -> Recipe:
@@ -59,7 +59,7 @@ class FaultyJob(Job):
 
 
 @dataclass(frozen=True)
-class EndlessJob(Job):
+class EndlessJob(GenerateJob):
     """Says that it has begun, and then works for a minute without listening to anybody."""
 
     def make(self, number: int) -> Recipe:

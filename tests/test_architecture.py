@@ -26,21 +26,23 @@ MAY_IMPORT = {
     "objects": {"foundation", "geometry"},
     "network": {"foundation", "geometry", "grasping"},
     "simulation": {"foundation", "geometry", "grasping", "objects"},
-    "datagen": {"foundation", "geometry", "grasping", "objects", "simulation"},
-    "training": {"foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen"},
+    "parallel": {"foundation"},
+    "sensors": {"foundation", "geometry", "simulation"},
+    "datagen": {"foundation", "geometry", "grasping", "objects", "simulation", "parallel"},
+    "training": {"foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"},
     "inference": {"foundation", "geometry", "grasping", "objects", "network"},
     "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor"},
     "benchmark": {
-        *("foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen", "training"),
-        *("inference", "predictor", "viewer"),
+        *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
+        *("parallel", "training", "inference", "predictor", "viewer"),
     },
 }
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 
 AT_HOME = {
     "mujoco": {"simulation"},
-    "ray": {"datagen"},
+    "ray": {"parallel"},
     "lightning_fabric": {"training"},
     "lightning": {"training"},
     "viser": {"viewer"},

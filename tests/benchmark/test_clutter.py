@@ -13,11 +13,11 @@ from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.registry import BUILT_IN, PlannerSource
 from icgnet.benchmark.record import REPORT_FILE
 from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
-from icgnet.datagen.pool import local_pool
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from icgnet.parallel.pool import local_pool
 from icgnet.simulation.scene import Scene
 
 CHANCE = ClutterConfig(planner=PlannerSource("random"), scene="packed", split="val", runs=2, rounds=2)

@@ -10,7 +10,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
-from icgnet.inference.candidates import Contacts, keep_free, score_contacts, seen_contacts, surface_contacts
+from icgnet.inference.candidates import GraspContacts, keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance, encode_windows
 from icgnet.inference.shapes import Shape, scene_occupancy
@@ -109,7 +109,7 @@ def test_the_width_by_a_ray_is_the_chord_of_the_ball(shapes):
 def test_widths_come_from_the_shapes_where_a_ray_hits_them_if_that_is_wanted(shapes, source):
     offsets = np.array([[0.0, -RADIUS, 0.0], [0.0, -RADIUS - 0.02, 0.0]])
     normals, instances = np.array([[0.0, -1.0, 0.0]] * 2), np.zeros(2, dtype=np.int64)
-    contacts = Contacts(ORIGIN + CENTRES[0] + offsets, normals, instances)
+    contacts = GraspContacts(ORIGIN + CENTRES[0] + offsets, normals, instances)
     search = GraspSearch(min_score=0.0, width_from=source)
     grasps, _ = score_contacts(shapes[0].network, shapes, contacts, load_gripper(), search)
     by_network, _ = score_contacts(
@@ -206,6 +206,6 @@ def test_unseen_sides_are_tried_only_when_the_seen_ones_give_too_few_good_grasps
 
 
 def test_contacts_join_in_order():
-    one = Contacts(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, dtype=np.int64))
-    both = Contacts.concatenate([one, Contacts(np.ones((1, 3)), np.ones((1, 3)), np.ones(1, dtype=np.int64))])
+    one = GraspContacts(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, dtype=np.int64))
+    both = GraspContacts.concatenate([one, GraspContacts(np.ones((1, 3)), np.ones((1, 3)), np.ones(1, dtype=np.int64))])
     np.testing.assert_array_equal(both.instances, (0, 0, 1))

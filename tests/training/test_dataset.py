@@ -7,9 +7,9 @@ import torch
 from icgnet.errors import DataError
 from icgnet.geometry.workspace import SIZE
 from icgnet.network.config import NETWORKS
+from icgnet.sensors.noise import NOISES
 from icgnet.training.config import Sampling
 from icgnet.training.dataset import RecipeDataset, VisitBatches, nearest_and_another
-from icgnet.training.noise import NOISES
 
 CLEAN = replace(Sampling().for_validation(), noise=NOISES["clean"])
 TURNED = replace(CLEAN, turn=True, translation=0.02)

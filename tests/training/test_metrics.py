@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from icgnet.training.metrics import (
-    Tally,
+    GraspTally,
     average_precision,
     best_f1,
     count_masks,
@@ -54,14 +54,14 @@ def test_mask_iou_of_a_hand_worked_case():
 def test_second_prediction_of_the_same_object_is_wrong():
     masks = torch.tensor([[1, 1, 1, 1]], dtype=torch.bool)
     predicted = torch.tensor([[1, 1, 1, 0], [1, 1, 1, 1]], dtype=torch.bool)
-    tally = Tally()
+    tally = GraspTally()
     count_masks(tally, (predicted, torch.tensor([0.6, 0.9])), masks)
     assert tally.mask_ious == [1.0]
     assert [overlap for _, overlap in tally.detections] == [1.0, 0.0]
 
 
 def test_objects_that_nobody_found_count_as_zero():
-    tally = Tally(instances=2)
+    tally = GraspTally(instances=2)
     nothing = (torch.zeros(0, 4, dtype=torch.bool), torch.zeros(0))
     count_masks(tally, nothing, torch.ones(2, 4, dtype=torch.bool))
     metrics = summarise(tally)
@@ -70,7 +70,7 @@ def test_objects_that_nobody_found_count_as_zero():
 
 
 def test_union_of_shapes_is_pooled_over_scenes():
-    metrics = summarise(Tally(scene_overlap=[(1, 2), (3, 6)], shape_ious=[0.5, 1.0]))
+    metrics = summarise(GraspTally(scene_overlap=[(1, 2), (3, 6)], shape_ious=[0.5, 1.0]))
     assert metrics["occupancy_scene_iou"] == pytest.approx(0.5)
     assert metrics["occupancy_iou"] == pytest.approx(0.75)
 
@@ -78,13 +78,13 @@ def test_union_of_shapes_is_pooled_over_scenes():
 def test_calibration_error_and_the_best_scores_are_reported():
     scores = np.array([0.8] * 10, np.float32)
     labels = np.arange(10) < 5
-    metrics = summarise(Tally(scores=[scores], labels=[labels], seen=[~labels], top_1_scores=[0.7, 0.9]))
+    metrics = summarise(GraspTally(scores=[scores], labels=[labels], seen=[~labels], top_1_scores=[0.7, 0.9]))
     assert metrics["grasp_ece"] == pytest.approx(0.3)
     assert metrics["grasp_top1_score"] == pytest.approx(0.8)
 
 
 def test_the_best_grasp_counts_and_whether_any_could_have_succeeded():
-    tally = Tally()
+    tally = GraspTally()
     count_ranking(tally, torch.tensor([0.2, 0.9, 0.5]), torch.tensor([False, True, False]))
     count_ranking(tally, torch.tensor([0.2, 0.9, 0.5]), torch.tensor([True, False, False]))
     count_ranking(tally, torch.tensor([0.3, 0.1]), torch.tensor([False, False]))
@@ -96,7 +96,7 @@ def test_the_best_grasp_counts_and_whether_any_could_have_succeeded():
 
 
 def test_the_sum_of_tallies_is_the_tally_of_all_scenes():
-    first, second, both = Tally(scenes=1), Tally(scenes=2, instances=3), Tally(scenes=3, instances=3)
+    first, second, both = GraspTally(scenes=1), GraspTally(scenes=2, instances=3), GraspTally(scenes=3, instances=3)
     for parts in ((first, both), (second, both)):
         for tally in parts:
             count_ranking(tally, torch.tensor([0.2, 0.9]), torch.tensor([parts[0] is first, False]))

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.transforms import invert_transform, transform_points
-from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, View, ViewRange, crop_view, draw_view
+from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, CameraView, ViewRange, crop_view, draw_view
 
 
-def pixel(view: View, points):
+def pixel(view: CameraView, points):
     in_camera = transform_points(invert_transform(view.T_world_camera), points)
     projected = in_camera @ view.intrinsics.T
     return projected[:, :2] / projected[:, 2:]

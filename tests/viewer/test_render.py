@@ -5,7 +5,7 @@ import trimesh
 from icgnet.viewer.palette import instance_colour
 from icgnet.viewer.render import Table, render
 from icgnet.viewer.triangles import Triangles, disc_triangles, join, mesh_triangles
-from icgnet.viewer.view import View, framing_view
+from icgnet.viewer.view import Perspective, framing_view
 
 SHAPE = (120, 160)
 BLUE, ORANGE = instance_colour(0), instance_colour(1)
@@ -16,7 +16,9 @@ def ball(x: float, y: float, z: float = 0.1, radius: float = 0.03) -> trimesh.Tr
     return trimesh.creation.icosphere(subdivisions=3, radius=radius).apply_translation([x, y, z])
 
 
-def view_of(triangles: Triangles, azimuth: float = FROM_THE_SIDE[0], elevation: float = FROM_THE_SIDE[1]) -> View:
+def view_of(
+    triangles: Triangles, azimuth: float = FROM_THE_SIDE[0], elevation: float = FROM_THE_SIDE[1]
+) -> Perspective:
     return framing_view(triangles.corners.reshape(-1, 3), azimuth, elevation, SHAPE)
 
 
@@ -38,7 +40,7 @@ def test_each_object_has_its_colour_where_it_projects():
 
 def test_the_nearer_object_hides_the_farther_one():
     far, near = mesh_triangles(ball(0.15, 0.2), BLUE), mesh_triangles(ball(0.15, 0.1), ORANGE)
-    view = View(framing_view(near.corners.reshape(-1, 3), -np.pi / 2, 0.0, SHAPE).T_world_camera)
+    view = Perspective(framing_view(near.corners.reshape(-1, 3), -np.pi / 2, 0.0, SHAPE).T_world_camera)
     image = render(join([far, near]), None, view, SHAPE)
     assert nearest_colour(image[60, 80].astype(float), [BLUE, ORANGE]) == 1
 

@@ -19,13 +19,13 @@ from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.planners.registry import PlannerSource, load_planner
 from icgnet.benchmark.record import REPORT_FILE, source_commit, write_report
 from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
-from icgnet.datagen.lock import locked
-from icgnet.datagen.pool import local_pool
 from icgnet.errors import DataError
 from icgnet.files import cut_unfinished_line, new_file, write_json
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.network.weights import stored_checksum
 from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.parallel.lock import locked
+from icgnet.parallel.pool import local_pool
 from icgnet.predictor import DEFAULT_WEIGHTS
 
 CONFIG_FILE, ROUNDS_FILE, ATTEMPTS_FILE = "config.json", "rounds.jsonl", "attempts.jsonl"

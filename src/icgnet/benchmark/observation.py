@@ -13,9 +13,9 @@ from icgnet.geometry.tsdf import fuse
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
+from icgnet.sensors.noise import NOISES, SensorNoise, corrupt_depth, corrupt_points, exactly
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
-from icgnet.training.noise import NOISES, SensorNoise, corrupt_depth, corrupt_points, exactly
 
 ViewName = Literal["random", "side", "top"]
 NoiseName = Literal["none", "gaussian", "dex"]

@@ -18,7 +18,7 @@ from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.classes import CLASSES
 from icgnet.predictor import Predictor
-from icgnet.training.metrics import Tally, average_precision, count_masks
+from icgnet.training.metrics import GraspTally, average_precision, count_masks
 
 FEWEST_POINTS = 30
 """Objects with fewer points in the cloud are not asked for: about 1 cm² of surface."""
@@ -208,7 +208,7 @@ def compare_masks(index: int, predicted: Labelling, truth: Truth) -> SceneMasks:
     matches = tuple(
         Match(truth.objects[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in pairs
     )
-    tally = Tally()
+    tally = GraspTally()
     masks = torch.from_numpy((predicted.labels == found[:, None]) & (owners >= 0))
     count_masks(tally, (masks, torch.from_numpy(predicted.scores[found])), torch.from_numpy(owners == asked[:, None]))
     return SceneMasks(

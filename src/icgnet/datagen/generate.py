@@ -6,17 +6,17 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from icgnet.datagen.cluster import RayPool
-from icgnet.datagen.job import GenerateConfig, Job
-from icgnet.datagen.lock import locked
+from icgnet.datagen.job import GenerateConfig, GenerateJob
 from icgnet.datagen.manifest import make_manifest, prepare_folder
-from icgnet.datagen.pool import Pool, local_pool
 from icgnet.datagen.recipe import Recipe, count_scenes, read_shard, write_shard
-from icgnet.datagen.report import Report, Tally, make_report
+from icgnet.datagen.report import GenerationReport, GenerationTally, make_report
 from icgnet.datagen.usable_objects import usable_objects
 from icgnet.files import remove_partial_files, write_json
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import Kind
+from icgnet.parallel.cluster import RayPool
+from icgnet.parallel.lock import locked
+from icgnet.parallel.pool import Pool, local_pool
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def generate(
     report: str | Path | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
     on_notice: Callable[[str], None] = lambda notice: None,
-) -> Report:
+) -> GenerationReport:
     """Writes labelled scenes into a folder: a manifest and Parquet files.
 
     Finished files stay when a run is killed, and the next run with the same configuration goes on from there.
@@ -66,7 +66,7 @@ def generate(
     usable = usable_objects(config)
     for notice in usable.notices():
         on_notice(notice)
-    job = Job(config, usable.object_set, load_gripper(config.gripper))
+    job = GenerateJob(config, usable.object_set, load_gripper(config.gripper))
     directory.mkdir(parents=True, exist_ok=True)
     with locked(directory):
         prepare_folder(directory, make_manifest(job, usable.doubtful))
@@ -77,13 +77,13 @@ def generate(
     return result
 
 
-def _fill(directory: Path, job: Job, on_progress: Callable[[int], None]) -> Report:
+def _fill(directory: Path, job: GenerateJob, on_progress: Callable[[int], None]) -> GenerationReport:
     """Makes the scenes that a folder lacks."""
     shards = list(_unfinished_shards(directory, job.config))
     missing = [scene_id for shard in shards for scene_id in shard.missing]
     found = job.config.scenes - len(missing)
     on_progress(found)
-    tallies: dict[Kind, Tally] = {kind: Tally() for kind in job.config.kinds}
+    tallies: dict[Kind, GenerationTally] = {kind: GenerationTally() for kind in job.config.kinds}
     workers, start = job.config.workers, time.perf_counter()
     if missing:
         with closing(_make_pool(job)) as pool:
@@ -95,7 +95,7 @@ def _fill(directory: Path, job: Job, on_progress: Callable[[int], None]) -> Repo
     return make_report(tallies, found, time.perf_counter() - start, workers, _bytes_per_scene(directory))
 
 
-def _make_pool(job: Job) -> Pool[Recipe]:
+def _make_pool(job: GenerateJob) -> Pool[Recipe]:
     if job.config.ray is not None:
         return RayPool(job, job.config.ray, job.config.workers)
     return local_pool(job, job.config.workers)

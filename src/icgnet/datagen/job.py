@@ -68,7 +68,7 @@ def kind_of(choice: SceneChoice, scene_id: int) -> Kind:
 
 
 @dataclass(frozen=True)
-class Job:
+class GenerateJob:
     """Everything that a worker must know to make any scene of a run; what it makes depends on nothing else."""
 
     config: GenerateConfig

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.datagen.job import Job
+from icgnet.datagen.job import GenerateJob
 from icgnet.datagen.recipe import FORMAT_VERSION, MANIFEST, read_manifest
 from icgnet.datagen.usable_objects import first_of
 from icgnet.errors import DataError
@@ -19,7 +19,7 @@ ONLY_TOLD = {"code_version", "object_counts", "left_out", "doubtful"}
 """What the manifest tells its readers, but what does not decide what the rows are, or follows from the rest."""
 
 
-def make_manifest(job: Job, doubtful: Mapping[str, str]) -> dict[str, object]:
+def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, object]:
     """What decides the rows of a job, and the version of the code that makes them.
 
     Args:

@@ -36,7 +36,7 @@ class Counts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report(Counts):
+class GenerationReport(Counts):
     """What a run did; scenes that an earlier run had finished count in `scenes_found` and `bytes_per_scene` only.
 
     Attributes:
@@ -57,7 +57,7 @@ class Report(Counts):
 
 
 @dataclass
-class Tally:
+class GenerationTally:
     """Counts while scenes come in."""
 
     scenes: int = 0
@@ -77,7 +77,7 @@ class Tally:
         self.collided += _count_bits(contacts.collided)
         self.disturbed_positives += _count_bits(contacts.success & contacts.disturbed)
 
-    def add_counts(self, other: "Tally") -> None:
+    def add_counts(self, other: "GenerationTally") -> None:
         """Adds what another tally has counted."""
         for name, count in vars(other).items():
             setattr(self, name, getattr(self, name) + count)
@@ -89,8 +89,8 @@ class Tally:
 
 
 def make_report(
-    tallies: Mapping[Kind, Tally], found: int, seconds: float, workers: int, bytes_per_scene: float
-) -> Report:
+    tallies: Mapping[Kind, GenerationTally], found: int, seconds: float, workers: int, bytes_per_scene: float
+) -> GenerationReport:
     """The report of a run from its counts.
 
     Args:
@@ -98,12 +98,12 @@ def make_report(
         found: scenes that were there before.
         seconds: that the run took.
         workers: processes.
-        bytes_per_scene: see `Report`.
+        bytes_per_scene: see `GenerationReport`.
     """
-    total = Tally()
+    total = GenerationTally()
     for tally in tallies.values():
         total.add_counts(tally)
-    return Report(
+    return GenerationReport(
         **vars(total.counts()),
         kinds={kind: tally.counts() for kind, tally in tallies.items()},
         scenes_found=found,

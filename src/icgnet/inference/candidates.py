@@ -33,7 +33,7 @@ CHECKS_PER_WANTED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class GraspContacts:
     """Points on the objects, table frame.
 
     Attributes:
@@ -46,21 +46,23 @@ class Contacts:
     normals: Float[np.ndarray, "c 3"]
     instances: Int[np.ndarray, "c"]
 
-    def select(self, index: Int[np.ndarray, "k"]) -> "Contacts":
+    def select(self, index: Int[np.ndarray, "k"]) -> "GraspContacts":
         """The contacts at these indices."""
-        return Contacts(self.points[index], self.normals[index], self.instances[index])
+        return GraspContacts(self.points[index], self.normals[index], self.instances[index])
 
     @staticmethod
-    def concatenate(parts: Sequence["Contacts"]) -> "Contacts":
+    def concatenate(parts: Sequence["GraspContacts"]) -> "GraspContacts":
         """All contacts of the parts; at least one."""
-        return Contacts(
+        return GraspContacts(
             np.concatenate([part.points for part in parts]),
             np.concatenate([part.normals for part in parts]),
             np.concatenate([part.instances for part in parts]),
         )
 
 
-def seen_contacts(tabletop: Tabletop, instances: Sequence[Instance], budget: int, rng: np.random.Generator) -> Contacts:
+def seen_contacts(
+    tabletop: Tabletop, instances: Sequence[Instance], budget: int, rng: np.random.Generator
+) -> GraspContacts:
     """Contacts among the points that the camera saw.
 
     Args:
@@ -77,17 +79,17 @@ def seen_contacts(tabletop: Tabletop, instances: Sequence[Instance], budget: int
         # Normals only for points that have a chance, but from all neighbours.
         tried = points[rng.permutation(len(points))[: 2 * share]]
         normals = estimate_normals(points, tabletop.cloud.viewpoint, queries=tried)
-        parts.append(_draw(Contacts(tried, normals, np.full(len(tried), number)), share, rng))
-    return Contacts.concatenate(parts)
+        parts.append(_draw(GraspContacts(tried, normals, np.full(len(tried), number)), share, rng))
+    return GraspContacts.concatenate(parts)
 
 
-def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Generator) -> Contacts:
+def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Generator) -> GraspContacts:
     """Contacts on the predicted surfaces, also where the camera saw nothing.
 
     Paper: resampling of unobserved points for views from above. Differs: points are drawn evenly from the extracted
     surface, instead of being moved onto it by gradient descent from the seen points.
     """
-    none = Contacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
+    none = GraspContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
     parts = [none]
     for number, shape in enumerate(shapes):
         share = max(1, budget // sum(other.instance.view is shape.instance.view for other in shapes))
@@ -96,12 +98,12 @@ def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Genera
         drawn, faces, *_ = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))
         points, normals = np.asarray(drawn, dtype=np.float64), np.asarray(shape.mesh.face_normals[faces])
         usable = above_table(points) & contains(shape.instance.view.window.to_window(points))
-        contacts = Contacts(points[usable], normals[usable], np.full(usable.sum(), number))
+        contacts = GraspContacts(points[usable], normals[usable], np.full(usable.sum(), number))
         parts.append(_draw(contacts, share, rng))
-    return Contacts.concatenate(parts)
+    return GraspContacts.concatenate(parts)
 
 
-def _draw(contacts: Contacts, count: int, rng: np.random.Generator) -> Contacts:
+def _draw(contacts: GraspContacts, count: int, rng: np.random.Generator) -> GraspContacts:
     """At most `count` of the contacts, those that a hand from above can use preferred."""
     if len(contacts.points) <= count:
         return contacts
@@ -111,7 +113,7 @@ def _draw(contacts: Contacts, count: int, rng: np.random.Generator) -> Contacts:
 
 @torch.no_grad()
 def score_contacts(
-    network: IcgNet, shapes: Sequence[Shape], contacts: Contacts, gripper: Gripper, search: GraspSearch
+    network: IcgNet, shapes: Sequence[Shape], contacts: GraspContacts, gripper: Gripper, search: GraspSearch
 ) -> tuple[Grasps, dict[str, int]]:
     """The grasps that the network believes in, best first, and how many were dropped.
 
@@ -145,7 +147,7 @@ def score_contacts(
 
 
 def _shape_widths(
-    shapes: Sequence[Shape], contacts: Contacts, predicted: Float[np.ndarray, "c"], gripper: Gripper
+    shapes: Sequence[Shape], contacts: GraspContacts, predicted: Float[np.ndarray, "c"], gripper: Gripper
 ) -> Float[np.ndarray, "c"]:
     """Widths by rays through the shapes; where a ray misses its shape the predicted width stays."""
     widths = predicted.copy()
@@ -159,7 +161,7 @@ def _shape_widths(
 def _believed(
     probabilities: Float[np.ndarray, "c a"],
     widths: Float[np.ndarray, "c"],
-    contacts: Contacts,
+    contacts: GraspContacts,
     gripper: Gripper,
     search: GraspSearch,
 ) -> tuple[Grasps, dict[str, int]]:

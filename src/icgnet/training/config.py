@@ -9,9 +9,9 @@ from typing import Any, Literal
 from icgnet.errors import DataError, InputError
 from icgnet.files import write_json
 from icgnet.network.config import NETWORKS
+from icgnet.sensors.noise import NOISES, SensorNoise, exactly, up_to
 from icgnet.training.losses import PUBLISHED, LossWeights
 from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
-from icgnet.training.noise import NOISES, SensorNoise, exactly, up_to
 from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
 
 

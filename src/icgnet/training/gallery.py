@@ -6,11 +6,11 @@ from icgnet.errors import InputError
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
 from icgnet.geometry.workspace import CENTRE
 from icgnet.objects.object_set import ObjectSet
+from icgnet.sensors.noise import NOISES, SensorNoise, exactly
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
-from icgnet.training.noise import NOISES, SensorNoise, exactly
-from icgnet.training.observation import Observation, Picture, sense
-from icgnet.training.views import View, crop_view
+from icgnet.training.observation import Exposure, SensedCloud, sense
+from icgnet.training.views import CameraView, crop_view
 
 ALONE = {
     "clean": SensorNoise(),
@@ -37,7 +37,7 @@ MARGIN = 0.025
 """How much of the table is in the picture around the objects [m]."""
 
 
-def take_gallery_picture(scene: Scene, object_set: ObjectSet, polar: float) -> Picture:
+def take_gallery_picture(scene: Scene, object_set: ObjectSet, polar: float) -> Exposure:
     """A picture of a scene and the table around it from 0.6 m, at an angle from the vertical [rad].
 
     Raises:
@@ -49,12 +49,12 @@ def take_gallery_picture(scene: Scene, object_set: ObjectSet, polar: float) -> P
     triangles, owners = scene_triangles(scene, object_set)
     margin = np.array([MARGIN, MARGIN, 0.0])
     lower, upper = triangles.min(axis=(0, 1)) - margin, triangles.max(axis=(0, 1)) + margin
-    view = crop_view(View(pose, DEFAULT_INTRINSICS, DEFAULT_SHAPE), lower, upper)
+    view = crop_view(CameraView(pose, DEFAULT_INTRINSICS, DEFAULT_SHAPE), lower, upper)
     image = SceneRenderer(triangles, owners).render(view.intrinsics, view.shape, pose)
-    return Picture(image, view, fused=False)
+    return Exposure(image, view, fused=False)
 
 
-def sense_gallery(picture: Picture, seed: int) -> dict[str, Observation]:
+def sense_gallery(picture: Exposure, seed: int) -> dict[str, SensedCloud]:
     """What each sensor makes of the picture, by caption: each error alone, the presets raw, the presets fused.
 
     Args:
@@ -67,6 +67,6 @@ def sense_gallery(picture: Picture, seed: int) -> dict[str, Observation]:
     return gallery
 
 
-def _sense(picture: Picture, noise: SensorNoise, fused: bool, seed: int) -> Observation:
+def _sense(picture: Exposure, noise: SensorNoise, fused: bool, seed: int) -> SensedCloud:
     # The table stays in: shadows and flying pixels are best seen on it.
-    return sense(Picture(picture.image, picture.view, fused), noise, 0.0, np.random.default_rng(seed))
+    return sense(Exposure(picture.image, picture.view, fused), noise, 0.0, np.random.default_rng(seed))

@@ -23,7 +23,7 @@ THRESHOLDS = np.linspace(0.05, 0.95, 19)
 
 
 @dataclass
-class Tally:
+class GraspTally:
     """What is counted while going through the scenes; the sum of two is that of the scenes of both."""
 
     scenes: int = 0
@@ -42,8 +42,8 @@ class Tally:
     instances: int = 0
     classes_right: list[bool] = field(default_factory=list)
 
-    def __add__(self, other: "Tally") -> "Tally":
-        return Tally(**{each.name: getattr(self, each.name) + getattr(other, each.name) for each in fields(self)})
+    def __add__(self, other: "GraspTally") -> "GraspTally":
+        return GraspTally(**{each.name: getattr(self, each.name) + getattr(other, each.name) for each in fields(self)})
 
 
 def evaluate(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None = None) -> dict[str, float]:
@@ -52,7 +52,7 @@ def evaluate(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None
 
 
 @torch.no_grad()
-def count_scenes(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None = None) -> Tally:
+def count_scenes(network: IcgNet, samples: list[Sample], costs: MatchingCosts | None = None) -> GraspTally:
     """Lets a network in evaluation mode predict the scenes, and counts.
 
     Args:
@@ -62,14 +62,14 @@ def count_scenes(network: IcgNet, samples: list[Sample], costs: MatchingCosts | 
     """
     was_training = network.training
     network.eval()
-    tally = Tally()
+    tally = GraspTally()
     for sample in samples:
         count_scene(tally, network, sample, costs or MatchingCosts())
     network.train(was_training)
     return tally
 
 
-def count_scene(tally: Tally, network: IcgNet, sample: Sample, costs: MatchingCosts) -> None:
+def count_scene(tally: GraspTally, network: IcgNet, sample: Sample, costs: MatchingCosts) -> None:
     """Adds one scene to the tally."""
     tally.scenes += 1
     embedding = network.encode([sample.input])[0]
@@ -94,7 +94,7 @@ def queries_of_instances(
 
 
 def count_masks(
-    tally: Tally, predicted: tuple[Bool[Tensor, "p v"], Float[Tensor, "p"]], masks: Bool[Tensor, "i v"]
+    tally: GraspTally, predicted: tuple[Bool[Tensor, "p v"], Float[Tensor, "p"]], masks: Bool[Tensor, "i v"]
 ) -> None:
     """Adds best IoU of every true mask, and score and IoU of every predicted mask (0 if its object is taken)."""
     iou = mask_iou(predicted[0], masks)
@@ -117,7 +117,7 @@ def mask_iou(first: Bool[Tensor, "p v"], second: Bool[Tensor, "i v"]) -> Float[T
 
 
 def count_shapes(
-    tally: Tally, network: IcgNet, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"]
+    tally: GraspTally, network: IcgNet, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"]
 ) -> None:
     """Adds the overlap of the predicted and true shapes at the sample's points, per instance and of the union."""
     if len(sample.occupancy_points) == 0:
@@ -130,7 +130,7 @@ def count_shapes(
 
 
 def count_grasps(
-    tally: Tally, network: IcgNet, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"]
+    tally: GraspTally, network: IcgNet, embedding: SceneEmbedding, sample: Sample, queries: Int[Tensor, "i"]
 ) -> None:
     """Adds the scores and labels of all contacts and angles, decoded with the contact's own instance."""
     if len(sample.contacts) == 0:
@@ -146,7 +146,7 @@ def count_grasps(
     tally.width_errors += (answer.widths - sample.widths)[graspable].abs().tolist()
 
 
-def count_ranking(tally: Tally, scores: Float[Tensor, "n"], labels: Bool[Tensor, "n"]) -> None:
+def count_ranking(tally: GraspTally, scores: Float[Tensor, "n"], labels: Bool[Tensor, "n"]) -> None:
     """Adds how well the best of a scene's grasps do, and whether any succeeds, which bounds the best's precision.
 
     Args:
@@ -164,7 +164,7 @@ def count_ranking(tally: Tally, scores: Float[Tensor, "n"], labels: Bool[Tensor,
     tally.top_50.append(float(ranked[:50].float().mean()))
 
 
-def summarise(tally: Tally) -> dict[str, float]:
+def summarise(tally: GraspTally) -> dict[str, float]:
     """The metrics of a tally; a metric that nothing was counted for is left out."""
     result: dict[str, float] = {}
     if tally.scores:

@@ -9,12 +9,12 @@ from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import TRUNCATION_VOXELS, fuse
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, TABLE_MARGIN, above_table
+from icgnet.sensors.noise import SensorNoise, corrupt_depth, corrupt_points
 from icgnet.simulation.camera import DepthImage, SceneRenderer
 from icgnet.training.config import Sampling
-from icgnet.training.noise import SensorNoise, corrupt_depth, corrupt_points
 from icgnet.training.placements import Placement
 from icgnet.training.sample import NOTHING
-from icgnet.training.views import View, crop_view, draw_view
+from icgnet.training.views import CameraView, crop_view, draw_view
 
 TSDF_RESOLUTION = 180
 """Voxels along an edge of the workspace, as in the published evaluation."""
@@ -23,20 +23,20 @@ OWNER_DISTANCE = TRUNCATION_VOXELS * SIZE / TSDF_RESOLUTION
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Exposure:
     """A depth image without errors, where it was taken, and whether its cloud is to come from a distance grid."""
 
     image: DepthImage
-    view: View
+    view: CameraView
     fused: bool
 
-    def seen_from(self, T_a_b: Float[np.ndarray, "4 4"]) -> "Picture":
+    def seen_from(self, T_a_b: Float[np.ndarray, "4 4"]) -> "Exposure":
         """The same picture with the camera's pose, given in frame b, in frame a."""
         return replace(self, view=replace(self.view, T_world_camera=T_a_b @ self.view.T_world_camera))
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class SensedCloud:
     """A cloud without the table, in the frame of the picture's camera pose [m].
 
     Attributes:
@@ -50,7 +50,7 @@ class Observation:
     viewpoint: Float[np.ndarray, "3"]
 
 
-def take_picture(placements: list[Placement], sampling: Sampling, rng: np.random.Generator) -> Picture:
+def take_picture(placements: list[Placement], sampling: Sampling, rng: np.random.Generator) -> Exposure:
     """A picture of the objects and some table around them, by a camera that is drawn, in the world."""
     triangles = [each.to_world(each.assets.triangles) for each in placements]
     lower = np.min([part.min(axis=(0, 1)) for part in triangles], axis=0)
@@ -63,26 +63,26 @@ def take_picture(placements: list[Placement], sampling: Sampling, rng: np.random
     view = crop_view(draw_view(sampling.views, resolution, rng), lower - margin, upper + margin)
     owners = np.repeat(np.arange(len(triangles)), [len(part) for part in triangles])
     renderer = SceneRenderer(np.concatenate(triangles), owners)
-    return Picture(renderer.render(view.intrinsics, view.shape, view.T_world_camera), view, fused)
+    return Exposure(renderer.render(view.intrinsics, view.shape, view.T_world_camera), view, fused)
 
 
-def observe(picture: Picture, sampling: Sampling, rng: np.random.Generator) -> Observation:
+def observe(picture: Exposure, sampling: Sampling, rng: np.random.Generator) -> SensedCloud:
     """The cloud that a sensor with errors makes of a picture, cut off above the table."""
     table_height = TABLE_HEIGHT + rng.uniform(-1, 1) * sampling.table_jitter
     return sense(picture, sampling.noise, table_height, rng)
 
 
-def sense(picture: Picture, noise: SensorNoise, table_height: float, rng: np.random.Generator) -> Observation:
+def sense(picture: Exposure, noise: SensorNoise, table_height: float, rng: np.random.Generator) -> SensedCloud:
     """The same for a certain sensor, and a table that is removed at a certain height [m]."""
     view = picture.view
     image = corrupt_depth(picture.image, view.intrinsics, noise, rng)
     points, owners = _fused_points(image, view, table_height) if picture.fused else _pixel_points(image, view)
     standing = above_table(points, table_height)
     points, index = corrupt_points(points[standing], noise, rng)
-    return Observation(points, owners[standing][index], view.T_world_camera[:3, 3])
+    return SensedCloud(points, owners[standing][index], view.T_world_camera[:3, 3])
 
 
-def _pixel_points(image: DepthImage, view: View) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+def _pixel_points(image: DepthImage, view: CameraView) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
     """Points of the measured pixels [m], and the object of each."""
     measured = image.depth > 0
     if not measured.any():
@@ -92,7 +92,7 @@ def _pixel_points(image: DepthImage, view: View) -> tuple[Float[np.ndarray, "n 3
 
 
 def _fused_points(
-    image: DepthImage, view: View, table_height: float
+    image: DepthImage, view: CameraView, table_height: float
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
     """Points [m] on the zero crossing of the distance grid, and the object of each."""
     # Points just above the cut need the voxels just below it.
@@ -103,7 +103,7 @@ def _fused_points(
     return points, _shown_ids(image, view, points)
 
 
-def _shown_ids(image: DepthImage, view: View, points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
+def _shown_ids(image: DepthImage, view: CameraView, points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
     """For each point [m] the id at its pixel, or at the one of the nine around it whose depth is the most like its own.
 
     The neighbours are asked where the pixel itself is off by more than a voxel.

@@ -13,7 +13,7 @@ from icgnet.network.weights import load_weights
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.config import TRAININGS, Sampling
 from icgnet.training.dataset import RecipeDataset
-from icgnet.training.metrics import Tally, count_scenes, summarise
+from icgnet.training.metrics import GraspTally, count_scenes, summarise
 from icgnet.training.sample import Sample
 
 VALIDATION_SEED = 20_000
@@ -95,5 +95,5 @@ def evaluate_weights(
         for kind, group in groups.items()
     }
     tallies = {kind: count_scenes(network, each, cpu.matching) for kind, each in samples.items()}
-    tallies["all"] = sum(tallies.values(), start=Tally())
+    tallies["all"] = sum(tallies.values(), start=GraspTally())
     return {kind: summarise(tally) | {"scenes": tally.scenes} for kind, tally in tallies.items()}

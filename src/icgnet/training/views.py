@@ -46,7 +46,7 @@ EVALUATION_VIEWS = (
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """A pinhole camera in the world with the size of its image."""
 
     T_world_camera: Float[np.ndarray, "4 4"]
@@ -54,7 +54,7 @@ class View:
     shape: tuple[int, int]
 
 
-def draw_view(ranges: tuple[ViewRange, ...], resolution: float, rng: np.random.Generator) -> View:
+def draw_view(ranges: tuple[ViewRange, ...], resolution: float, rng: np.random.Generator) -> CameraView:
     """A camera drawn from one of the ranges.
 
     Args:
@@ -70,10 +70,10 @@ def draw_view(ranges: tuple[ViewRange, ...], resolution: float, rng: np.random.G
     intrinsics = DEFAULT_INTRINSICS.copy()
     intrinsics[:2] *= resolution
     height, width = DEFAULT_SHAPE
-    return View(pose, intrinsics, (round(height * resolution), round(width * resolution)))
+    return CameraView(pose, intrinsics, (round(height * resolution), round(width * resolution)))
 
 
-def crop_view(view: View, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> View:
+def crop_view(view: CameraView, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> CameraView:
     """The same camera with only the pixels that can see into a box; the whole image if it stands in or beside it.
 
     Args:
@@ -92,4 +92,4 @@ def crop_view(view: View, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray
     last = np.clip(np.ceil(pixels.max(axis=0)) + 1, first + 2, limit).astype(int)
     intrinsics = view.intrinsics.copy()
     intrinsics[:2, 2] -= first
-    return View(view.T_world_camera, intrinsics, (int(last[1] - first[1]), int(last[0] - first[0])))
+    return CameraView(view.T_world_camera, intrinsics, (int(last[1] - first[1]), int(last[0] - first[0])))

@@ -20,7 +20,7 @@ from icgnet.viewer.picture import LARGEST_CLOUD, PlacedLabel, SceneDrawing, clou
 from icgnet.viewer.render import Table
 from icgnet.viewer.section import Cut, CutMesh, draw_section
 from icgnet.viewer.triangles import Triangles, hand_triangles, join, mesh_triangles, whole_hand_triangles
-from icgnet.viewer.view import View, framing_view
+from icgnet.viewer.view import Perspective, framing_view
 
 Role = Literal["target", "touched", "other"]
 
@@ -187,7 +187,7 @@ def _legend(scene: AttemptScene) -> list[tuple[str, tuple[float, float, float]]]
     return entries
 
 
-def _cloud_panel(scene: AttemptScene, view: View) -> Image.Image:
+def _cloud_panel(scene: AttemptScene, view: Perspective) -> Image.Image:
     rows = slice(None, None, max(1, -(-len(scene.cloud) // LARGEST_CLOUD)))
     dots = cloud_discs(scene.cloud.points[rows], scene.cloud_instances[rows], scene.cloud.viewpoint)
     labels = tuple(
@@ -196,7 +196,7 @@ def _cloud_panel(scene: AttemptScene, view: View) -> Image.Image:
     return draw_scene(SceneDrawing(join([dots, _slim_hand(scene)]), labels, view, _table(scene)), PANEL)
 
 
-def _shapes_panel(scene: AttemptScene, view: View, named: bool = False) -> Image.Image:
+def _shapes_panel(scene: AttemptScene, view: Perspective, named: bool = False) -> Image.Image:
     drawn = join([_true_shapes(scene), _predicted(scene), _slim_hand(scene)])
     labels = tuple(
         PlacedLabel(each.label, _top(each.mesh.vertices), ROLE_COLOURS[each.role])
@@ -260,7 +260,7 @@ def _marks(scene: AttemptScene) -> Float[np.ndarray, "k 3"]:
     return np.zeros((0, 3)) if scene.grasp is None else scene.grasp.marks
 
 
-def _turned_view(scene: AttemptScene, turn: float, elevation: float | None) -> View:
+def _turned_view(scene: AttemptScene, turn: float, elevation: float | None) -> Perspective:
     """A view of all objects from the azimuth of the camera, turned by an angle, and from its elevation if None."""
     right, outward = scene.T_world_camera[:3, 0], -scene.T_world_camera[:3, 2]
     azimuth = float(np.arctan2(-right[0], right[1])) + turn

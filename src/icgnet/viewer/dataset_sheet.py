@@ -27,7 +27,7 @@ from icgnet.viewer.triangles import (
     mesh_triangles,
     needle_triangles,
 )
-from icgnet.viewer.view import View, framing_view
+from icgnet.viewer.view import Perspective, framing_view
 
 PANEL = (380, 440)
 """Height and width of one picture [pixels]."""
@@ -75,7 +75,7 @@ class LabelledScene:
 
     title: str
     meshes: tuple[trimesh.Trimesh, ...]
-    view: View
+    view: Perspective
     depth: Float[np.ndarray, "h w"]
     ids: Int[np.ndarray, "h w"]
     positions: Float[np.ndarray, "g 3"]
@@ -112,7 +112,7 @@ def scene_pictures(scene: LabelledScene, gripper: Gripper) -> dict[str, UInt8[np
     }
 
 
-def sheet_view(meshes: Sequence[trimesh.Trimesh], azimuth: float) -> View:
+def sheet_view(meshes: Sequence[trimesh.Trimesh], azimuth: float) -> Perspective:
     """The camera of a sheet's first pictures: it sees the whole of all meshes (world frame [m]).
 
     Args:
@@ -133,12 +133,12 @@ def chosen_hands(grasps: Grasps) -> Grasps:
     return chosen.select(slice(0, MOST_HANDS))
 
 
-def _drawn(triangles: Triangles, view: View) -> UInt8[np.ndarray, "_ _ 3"]:
+def _drawn(triangles: Triangles, view: Perspective) -> UInt8[np.ndarray, "_ _ 3"]:
     table = Table(TABLE_HEIGHT, (SIZE / 2, SIZE / 2), 0.8 * SIZE)
     return render(triangles, table, view, PANEL)
 
 
-def _hands_view(scene: LabelledScene, hands: Grasps, turn: float) -> View:
+def _hands_view(scene: LabelledScene, hands: Grasps, turn: float) -> Perspective:
     """A view of all objects and hands from the side of the camera, or nearly level and turned about the vertical."""
     corners = np.concatenate([mesh.vertices for mesh in scene.meshes])
     palms = hands.poses[:, :3, 3] - PALM_DISTANCE * hands.poses[:, :3, 2]

@@ -19,7 +19,7 @@ from icgnet.viewer.describe import SEPARATOR, best_per_object, object_name, obje
 from icgnet.viewer.palette import QUIET_INK, instance_colour, instance_colours, score_colours
 from icgnet.viewer.render import Table, render
 from icgnet.viewer.triangles import Triangles, disc_triangles, hand_triangles, join, mesh_triangles, moved
-from icgnet.viewer.view import View, framing_view
+from icgnet.viewer.view import Perspective, framing_view
 
 PICTURE_SHAPE = (900, 1600)
 TITLE_HEIGHT, TITLE_SIZE = 64, 25
@@ -48,7 +48,7 @@ class SceneDrawing:
 
     triangles: Triangles
     labels: tuple["PlacedLabel", ...]
-    view: View
+    view: Perspective
     table: Table | None
     marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
@@ -165,7 +165,9 @@ def _hands(grasps: Grasps, gripper: Gripper) -> Triangles:
     )
 
 
-def _framing(drawn: Triangles, viewpoint: Float[np.ndarray, "3"] | None, shape: tuple[int, int]) -> tuple[View, Table]:
+def _framing(
+    drawn: Triangles, viewpoint: Float[np.ndarray, "3"] | None, shape: tuple[int, int]
+) -> tuple[Perspective, Table]:
     """A view from the side of the capture that shows everything drawn, and the table under it."""
     points = drawn.corners.reshape(-1, 3)
     if not len(points):

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 
 from icgnet.geometry.camera import pixel_rays
 from icgnet.viewer.triangles import Triangles
-from icgnet.viewer.view import View
+from icgnet.viewer.view import Perspective
 
 SUPERSAMPLING = 2
 BAND_ROWS = 32
@@ -52,7 +52,9 @@ class Table:
     radius: float
 
 
-def render(triangles: Triangles, table: Table | None, view: View, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
+def render(
+    triangles: Triangles, table: Table | None, view: Perspective, shape: tuple[int, int]
+) -> UInt8[np.ndarray, "h w 3"]:
     """The picture of triangles on a table, on white.
 
     Args:
@@ -114,7 +116,7 @@ def _encode(light: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 class _Caster:
     """Light along lines of sight; one scene, one camera."""
 
-    def __init__(self, triangles: Triangles, view: View) -> None:
+    def __init__(self, triangles: Triangles, view: Perspective) -> None:
         self.corners = triangles.corners.astype(np.float32)
         self.normals = triangles.normals.astype(np.float32)
         self.albedo = _decode(triangles.colours.astype(np.float32))

@@ -14,7 +14,7 @@ from icgnet.viewer.palette import INK, instance_colours
 from icgnet.viewer.render import render
 from icgnet.viewer.sheet import draw_sheet
 from icgnet.viewer.triangles import disc_triangles
-from icgnet.viewer.view import View, framing_view
+from icgnet.viewer.view import Perspective, framing_view
 
 PANEL_SHAPE = (300, 360)
 COLUMNS = 5
@@ -68,7 +68,7 @@ def draw_sensor_sheet(clouds: Sequence[SeenCloud], path: str | Path) -> None:
     draw_sheet(panels, [cloud.caption for cloud in clouds], path, COLUMNS)
 
 
-def _draw_cloud(cloud: SeenCloud, shown: Bool[np.ndarray, "n"], view: View) -> UInt8[np.ndarray, "h w 3"]:
+def _draw_cloud(cloud: SeenCloud, shown: Bool[np.ndarray, "n"], view: Perspective) -> UInt8[np.ndarray, "h w 3"]:
     points, owners = cloud.points[shown], cloud.owners[shown]
     normals = estimate_normals(points, cloud.viewpoint, neighbours=16, radius=0.006)
     colours = instance_colours(owners)

@@ -13,7 +13,7 @@ FOCAL_LENGTH = 2.2
 
 
 @dataclass(frozen=True)
-class View:
+class Perspective:
     """A pinhole camera without a resolution.
 
     Attributes:
@@ -43,7 +43,7 @@ def framing_view(
     elevation: float,
     shape: tuple[int, int],
     margin: float = 0.12,
-) -> View:
+) -> Perspective:
     """A view from this direction, as near as it can be with all points inside of the margins.
 
     Args:
@@ -67,4 +67,4 @@ def framing_view(
     pose = np.eye(4)
     pose[:3, :3] = rotation
     pose[:3, 3] = rotation @ eye
-    return View(pose)
+    return Perspective(pose)

@@ -10,12 +10,12 @@ import pytest
 
 import datagen_jobs
 from datagen_jobs import FatalJob, FaultyJob, QuickJob, make
-from icgnet.datagen.cluster import RayPool
 from icgnet.datagen.generate import generate
 from icgnet.datagen.job import GenerateConfig
 from icgnet.datagen.label_scene import LabelSettings
-from icgnet.datagen.pool import TRIES
 from icgnet.errors import DataError, InputError
+from icgnet.parallel.cluster import RayPool
+from icgnet.parallel.pool import TRIES
 
 CONFIG = GenerateConfig(scenes=5, seed=5, shard_scenes=2, labels=LabelSettings(contacts=2, object_count=1))
 

@@ -1,7 +1,7 @@
 """The sensor of a training visit: which errors it makes and how large they are, drawn anew every time.
 
 `SensorNoise` says how much of which; `corrupt_depth` and `corrupt_points` apply it in the order light meets it. Each
-model is a small function of `icgnet.training.sensor`, which names its source; docs/guides/sensor_noise.md shows them.
+model is a small function of `icgnet.sensors`, which names its source; docs/guides/sensor_noise.md shows them.
 
 Paper: "Observations" (Gaussian noise, elastic deformation, erased 2 cm regions). Differs: sensor models as well.
 """
@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from icgnet.simulation.camera import DepthImage
-from icgnet.training.sensor.cloud import deform, erased_blocks, jitter
-from icgnet.training.sensor.image import add_error_field, apply_gain, fly_pixels, round_depth, round_spots, smooth
-from icgnet.training.sensor.stereo import (
+from icgnet.sensors.cloud import deform, erased_blocks, jitter
+from icgnet.sensors.image import add_error_field, apply_gain, fly_pixels, round_depth, round_spots, smooth
+from icgnet.sensors.stereo import (
     add_disparity_noise,
     fatten_edges,
     grazing_pixels,
     quantise_disparity,
     stereo_shadow,
 )
+from icgnet.simulation.camera import DepthImage
 
 
 @dataclass(frozen=True)

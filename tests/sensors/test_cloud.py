@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from icgnet.training.sensor.cloud import deform, erased_blocks, jitter
+from icgnet.sensors.cloud import deform, erased_blocks, jitter
 
 
 @pytest.fixture

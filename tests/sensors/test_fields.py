@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from icgnet.training.sensor.fields import LOSS, image_field, space_field
+from icgnet.sensors.fields import LOSS, image_field, space_field
 
 
 def rng():

@@ -12,12 +12,12 @@ import pytest
 
 import datagen_jobs
 from datagen_jobs import EndlessJob, FatalJob, FaultyJob, QuickJob, make
-from icgnet.datagen.job import Job
-from icgnet.datagen.pool import TRIES, LocalPool, SerialPool
+from icgnet.datagen.job import GenerateJob
 from icgnet.errors import DataError, InputError
+from icgnet.parallel.pool import TRIES, LocalPool, SerialPool
 
 
-def numbers(job: Job, count: int, workers: int = 2) -> list[int]:
+def numbers(job: GenerateJob, count: int, workers: int = 2) -> list[int]:
     with closing(LocalPool(job, workers)) as pool:
         return [recipe.scene_id for recipe in pool.make(range(count))]
 
@@ -57,7 +57,7 @@ def test_errors_name_the_scene_and_the_seed(monkeypatch):
 
     monkeypatch.setattr("icgnet.datagen.job.label_scene", refuse)
     with pytest.raises(InputError, match=r"scene 7 \(seed 4\): no object stayed"):
-        make(Job).make(7)
+        make(GenerateJob).make(7)
 
 
 def test_closing_a_pool_kills_workers_at_work():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from icgnet.training.sensor.image import (
+from icgnet.sensors.image import (
     add_error_field,
     apply_gain,
     fly_pixels,

@@ -8,8 +8,8 @@ Dorodnicov et al., "Projection, texture-mapping and occlusion with Intel RealSen
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from icgnet.training.sensor.fields import LOSS, image_field
-from icgnet.training.sensor.image import EDGE_STEP, NEIGHBOURS, shifted
+from icgnet.sensors.fields import LOSS, image_field
+from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted
 
 BASELINE = 0.050
 """Distance of the two cameras [m]: 50 mm in the D435, 55 mm in the D415."""

@@ -1,17 +1,15 @@
-"""Makes scenes on a Ray cluster. The only file that knows Ray."""
+"""Makes the pieces of a job on a Ray cluster. The only file that knows Ray."""
 
 import socket
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic
 from urllib.parse import urlsplit
 
 import icgnet
-from icgnet.datagen.job import Job
-from icgnet.datagen.pool import TRIES
-from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError, InputError
+from icgnet.parallel.pool import TRIES, Job, Product
 
 if TYPE_CHECKING:
     import ray
@@ -33,11 +31,11 @@ COUNT_SECONDS = 5.0
 CONNECT_SECONDS = 10.0
 
 
-class RayPool:
-    """Makes scenes as Ray tasks of one processor each; Ray gives those of lost workers and machines to others.
+class RayPool(Generic[Product]):
+    """Makes pieces as Ray tasks of one processor each; Ray gives those of lost workers and machines to others.
 
     Args:
-        job: what to make scenes of.
+        job: what to make.
         address: "local" to start a cluster on this machine, "auto" to join the one that this machine belongs to, or
             an address, "host:port" or "ray://host:port".
         workers: processors of a local cluster.
@@ -46,7 +44,7 @@ class RayPool:
         InputError: Ray is not installed, or no cluster answers at the address.
     """
 
-    def __init__(self, job: Job, address: str, workers: int) -> None:
+    def __init__(self, job: Job[Product], address: str, workers: int) -> None:
         self._job = job
         self._ray = _import_ray()
         # Who calls from inside a Ray program keeps the connection.
@@ -59,16 +57,16 @@ class RayPool:
         """Processors of the cluster; it may grow and shrink."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
 
-    def make(self, numbers: Sequence[int]) -> Iterator[Recipe]:
-        """The labelled scenes, each as soon as its task is finished."""
-        task = self._ray.remote(num_cpus=1, max_retries=TRIES - 1)(_label)
+    def make(self, numbers: Sequence[int]) -> Iterator[Product]:
+        """The pieces, each as soon as its task is finished."""
+        task = self._ray.remote(num_cpus=1, max_retries=TRIES - 1)(_make)
         # In a list, Ray hands the reference on instead of sending the whole job along with every task.
         reference = [self._ray.put(self._job)]
         wanted, counted = TASKS_PER_PROCESSOR * self.workers, time.monotonic()
         # Small runs must be spread evenly, too.
         size = min(SCENES_PER_TASK, max(1, len(numbers) // (2 * wanted)))
         todo = deque(list(numbers[start : start + size]) for start in range(0, len(numbers), size))
-        pending: dict[ray.ObjectRef[list[Recipe]], list[int]] = {}
+        pending: dict[ray.ObjectRef[list[Product]], list[int]] = {}
         while todo or pending:
             if time.monotonic() - counted > COUNT_SECONDS:
                 wanted, counted = TASKS_PER_PROCESSOR * self.workers, time.monotonic()
@@ -77,13 +75,13 @@ class RayPool:
                 pending[task.remote(icgnet.__version__, reference, ids)] = ids
             for answer in self._finished(list(pending)):
                 ids = pending.pop(answer)
-                recipes = self._fetch(answer, ids)
-                yield from recipes
-                if not recipes:
+                pieces = self._fetch(answer, ids)
+                yield from pieces
+                if not pieces:
                     # All alone, they will show which of them it is.
                     todo.extendleft([scene_id] for scene_id in ids)
 
-    def _finished(self, answers: "list[ray.ObjectRef[list[Recipe]]]") -> "list[ray.ObjectRef[list[Recipe]]]":
+    def _finished(self, answers: "list[ray.ObjectRef[list[Product]]]") -> "list[ray.ObjectRef[list[Product]]]":
         """All that are there, as soon as there is one."""
         self._ray.wait(answers, num_returns=1)
         return self._ray.wait(answers, num_returns=len(answers), timeout=0)[0]
@@ -93,8 +91,8 @@ class RayPool:
         if self._is_ours:
             self._ray.shutdown()
 
-    def _fetch(self, answer: "ray.ObjectRef[list[Recipe]]", scene_ids: list[int]) -> list[Recipe]:
-        """The recipes of a task; none if it was lost again and again and had several scenes."""
+    def _fetch(self, answer: "ray.ObjectRef[list[Product]]", scene_ids: list[int]) -> list[Product]:
+        """The pieces of a task; none if it was lost again and again and had several scenes."""
         errors, name = self._ray.exceptions, self._job.name(scene_ids[0])
         try:
             return self._ray.get(answer)
@@ -110,10 +108,10 @@ class RayPool:
 
 
 # A process of the cluster keeps its job, so that meshes are read once and not for every scene.
-_jobs: dict[str, Job] = {}
+_jobs: dict[str, Job[Any]] = {}
 
 
-def _label(version: str, reference: "list[ray.ObjectRef[Job]]", scene_ids: list[int]) -> list[Recipe]:
+def _make(version: str, reference: "list[ray.ObjectRef[Job[Any]]]", scene_ids: list[int]) -> list[Any]:
     """What the cluster's processes do."""
     import ray
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from icgnet.training.sensor.fields import space_field
+from icgnet.sensors.fields import space_field
 
 BLOCK_SIZE = 0.02
 DEFORMATION_LENGTH = 0.05

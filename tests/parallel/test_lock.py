@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-from icgnet.datagen.lock import LOCK, OWNER, locked
 from icgnet.errors import DataError
+from icgnet.parallel.lock import LOCK, OWNER, locked
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from icgnet.datagen.lock import locked
+from icgnet.parallel.lock import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, pixel_rays
-from icgnet.training.sensor.stereo import (
+from icgnet.sensors.stereo import (
     BASELINE,
     add_disparity_noise,
     fatten_edges,

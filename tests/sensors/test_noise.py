@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.camera import DEFAULT_INTRINSICS
+from icgnet.sensors.noise import NEVER, NOISES, Amount, SensorNoise, corrupt_depth, corrupt_points, exactly, up_to
 from icgnet.simulation.camera import NOTHING, DepthImage
 from icgnet.training.gallery import ALONE
-from icgnet.training.noise import NEVER, NOISES, Amount, SensorNoise, corrupt_depth, corrupt_points, exactly, up_to
 
 IMAGE_MODELS = {name: noise for name, noise in ALONE.items() if name != "clean"}
 

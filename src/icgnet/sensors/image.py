@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from icgnet.sensors.fields import image_field
 from icgnet.simulation.camera import NOTHING
-from icgnet.training.sensor.fields import image_field
 
 FIELD_PITCH = 4
 """The error field of the Dex-Net model is drawn at a quarter of the resolution [pixels]."""
