@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 
 from icgnet.cli.main import main
+from icgnet.network.config import NETWORKS
+from icgnet.network.icgnet import IcgNet
+from icgnet.network.weights import save_weights
 from launch import icgnet_together, output_of
 
 
@@ -45,11 +48,11 @@ def test_train_writes_weights_that_predict_can_load(scenes, tmp_path, options, n
 
 @pytest.mark.slow
 def test_processes_of_torchrun_train_one_network(scenes, tmp_path):
-    command = ["train", "tiny", "--accelerator", "cpu", "--data", scenes, "--steps", 2]
-    options = ["--learning-rate", "2e-3", "--common-statistics", False]
-    first, run = tmp_path / "first", tmp_path / "run"
-    output_of(icgnet_together(*command, *options, "--out", first))
-    output_of(icgnet_together(*command, *options, "--out", run, "--start", first / "weights_final.safetensors"))
+    first, run = tmp_path / "first.safetensors", tmp_path / "run"
+    save_weights(first, IcgNet(NETWORKS["tiny"]), {})
+    command = ["train", "tiny", "--accelerator", "cpu", "--data", scenes, "--steps", 1]
+    options = ["--learning-rate", "2e-3", "--common-statistics", False, "--start", first]
+    output_of(icgnet_together(*command, *options, "--out", run))
     config = json.loads((run / "config.json").read_text())
     assert config["scenes_per_step"] == 2 * config["training"]["batch"]
     assert config["training"]["learning_rate"] == 2e-3

@@ -13,8 +13,8 @@ from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import evaluate
 from icgnet.training.schedule import learning_rate_factor
 
-STEPS = 200
-SCENES = 4
+STEPS = 60
+SCENES = 2
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """Two processes of batch 2 train like one of batch 4."""
 
 import json
-import socket
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import create_autospec
@@ -17,22 +16,16 @@ from icgnet.training.config import TRAININGS, training_record, write_or_compare
 from icgnet.training.log import REPORTED, TrainingLog
 from icgnet.training.loop import FINAL_FILE, METRICS_FILE, to_agree_on, train
 from icgnet.training.processes import check_same, join_processes
-from launch import TOGETHER, output_of, torchrun
 from shape_scenes import write_recipes
+from train_together import Leg
 
-CURVE_TOLERANCE = 1e-3
-"""Of loss and terms, relative: they are logged with four digits. Without common statistics of the batch normalisation
-the masks are 0.3 % and the widths 2 % off at the first step, and the gradient's norm 9 %."""
-NORM_TOLERANCE = 0.03
-"""Of the gradient's norm, which feels sums in another order more: 0.7 % at the sixth step."""
+FIRST_STEP = 1e-3
+"""Relative difference of loss, terms and norm of the gradient at the first step: sums in another order. Without common
+statistics of the batch normalisation the masks are 0.3 % and the widths 2 % off there, and the gradient's norm 9 %."""
+LATER = 5e-3
+"""Of the loss at later steps: an optimiser makes the rounding of small gradients as large as its steps."""
 SPEED = {"elapsed_s", "scenes_per_s", "waiting_share"}
 """What is logged and is not the same."""
-
-
-def free_port() -> int:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return server.getsockname()[1]
 
 
 @dataclass(frozen=True)
@@ -49,8 +42,8 @@ class Runs:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Runs:
-    """One process of batch 4; two of batch 2 without a stop; two of batch 2 that stop after three steps and go on; two
-    of batch 2 that do a step with statistics of their own.
+    """One process of batch 4; two of batch 2 without a stop; two of batch 2 that stop after two steps and go on; two of
+    batch 2 that do a step with statistics of their own.
 
     Those that go on are on two nodes, of which the second has a folder of its own.
     """
@@ -62,14 +55,10 @@ def runs(tmp_path_factory) -> Runs:
         patch.setenv("ICGNET_CACHE", str(folder / "cache"))
         train_together.prepare(patch)
         train(train_together.configuration(4), [data], alone, ["shapes"], accelerator="cpu")
-        three = (together, 0, "common", legs, 3, "common", own, 1, "own")
-        said = output_of(torchrun(TOGETHER, train_together.__file__, data, 2, *three))
-        assert curve_of(legs)[-1]["step"] == 3
-        nodes = ["--nnodes=2", "--nproc-per-node=1", "--master-addr=127.0.0.1", f"--master-port={free_port()}"]
-        said += output_of(
-            torchrun([*nodes, "--node-rank=0"], train_together.__file__, data, 2, legs, 0, "common"),
-            torchrun([*nodes, "--node-rank=1"], train_together.__file__, data, 2, second, 0, "common"),
-        )
+        three = [Leg((together, together)), Leg((legs, legs), 2), Leg((own, own), 1, False)]
+        said = train_together.train_together(data, three)
+        assert curve_of(legs)[-1]["step"] == 2
+        said += train_together.train_together(data, [Leg((legs, second))], nodes=2)
     return Runs(alone, together, legs, own, second, said)
 
 
@@ -89,17 +78,16 @@ def state_of(out: Path) -> dict:
 def test_two_processes_of_batch_2_have_the_loss_curve_of_one_of_batch_4(runs):
     alone, together = curve_of(runs.alone), curve_of(runs.together)
     assert [line["step"] for line in together] == list(range(1, train_together.STEPS + 1))
-    assert alone[0]["loss"] != pytest.approx(alone[-1]["loss"], rel=10 * CURVE_TOLERANCE)
-    for one, two in zip(alone, together, strict=True):
-        assert two.pop("gradient_norm") == pytest.approx(one.pop("gradient_norm"), rel=NORM_TOLERANCE)
-        assert two == pytest.approx(one, rel=CURVE_TOLERANCE)
+    assert together[0] == pytest.approx(alone[0], rel=FIRST_STEP)
+    assert alone[1]["loss"] != pytest.approx(alone[0]["loss"], rel=2 * LATER)
+    assert [line["loss"] for line in together] == pytest.approx([line["loss"] for line in alone], rel=LATER)
 
 
 @pytest.mark.slow
 def test_statistics_of_each_process_are_not_those_of_one_process_of_batch_4(runs):
     (own,), (common, *_) = curve_of(runs.own), curve_of(runs.alone)
     assert own["step"] == common["step"] == 1
-    assert own["width"] != pytest.approx(common["width"], rel=5 * CURVE_TOLERANCE)
+    assert own["width"] != pytest.approx(common["width"], rel=5 * FIRST_STEP)
 
 
 def test_preset_cpu_alone_has_statistics_of_each_process():
@@ -111,7 +99,7 @@ def test_two_processes_go_on_from_their_checkpoint_as_if_they_had_not_stopped(ru
     together, legs = state_of(runs.together), state_of(runs.legs)
     assert legs["progress"]["finished"]
     assert legs["progress"]["visits"] == together["progress"]["visits"] == 4 * train_together.STEPS
-    assert runs.said.count("going on from step 3") == 1
+    assert runs.said.count("going on from step 2") == 1
     for part in ("network", "average"):
         for name, value in together[part].items():
             assert torch.equal(value, legs[part][name]), f"{part} {name}"
@@ -120,7 +108,7 @@ def test_two_processes_go_on_from_their_checkpoint_as_if_they_had_not_stopped(ru
 @pytest.mark.slow
 def test_only_the_first_process_reports_and_writes(runs):
     # Twice, because two runs come to their end.
-    assert runs.said.count("kind train step 6 ") == runs.said.count("kind val step 6 ") == 2
+    assert runs.said.count("kind train step 3 ") == runs.said.count("kind val step 3 ") == 2
     assert len(curve_of(runs.together)) == len(curve_of(runs.legs)) == train_together.STEPS
     assert (runs.together / FINAL_FILE).is_file()
     assert not runs.second_node.exists()
