@@ -11,7 +11,7 @@ demo: .venv/installed
 	$(BIN)/icgnet demo
 
 test: .venv/installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: .venv/installed-dev
 	$(BIN)/ruff format --check .

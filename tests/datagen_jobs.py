@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 import time
 from contextlib import closing
 from dataclasses import dataclass
@@ -60,21 +59,21 @@ class FaultyJob(GenerateJob):
 
 @dataclass(frozen=True)
 class EndlessJob(GenerateJob):
-    """Says that it has begun, and then works for a minute without listening to anybody."""
+    """Leaves a mark with its process's number, and then works for a minute without listening to anybody."""
+
+    marks: Path
 
     def make(self, number: int) -> Recipe:
-        print("begun", flush=True)
+        (self.marks / f"begun_{os.getpid()}").touch()
         end = time.monotonic() + 60.0
         while time.monotonic() < end:
             pass
         return empty_recipe(number)
 
 
-def work_endlessly() -> None:
+def work_endlessly(marks: Path) -> None:
     """What the test of orphans runs in a process of its own."""
-    with closing(LocalPool(make(EndlessJob), 1)) as pool:
+    # What runs in the background of a shell script ignores SIGINT, and so do its children.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with closing(LocalPool(make(EndlessJob, marks), 1)) as pool:
         list(pool.make([0]))
-
-
-if __name__ == "__main__":
-    sys.exit(work_endlessly())

@@ -2,16 +2,14 @@
 
 import os
 import signal
-import subprocess
-import sys
+import time
 from contextlib import closing
-from multiprocessing import active_children
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import pytest
 
-import datagen_jobs
-from datagen_jobs import EndlessJob, FatalJob, FaultyJob, QuickJob, make
+from datagen_jobs import EndlessJob, FatalJob, FaultyJob, QuickJob, make, work_endlessly
 from icgnet.datagen.job import GenerateJob
 from icgnet.errors import DataError, InputError
 from icgnet.parallel.pool import TRIES, LocalPool, SerialPool
@@ -60,8 +58,8 @@ def test_errors_name_the_scene_and_the_seed(monkeypatch):
         make(GenerateJob).make(7)
 
 
-def test_closing_a_pool_kills_workers_at_work():
-    pool = LocalPool(make(EndlessJob), 1)
+def test_closing_a_pool_kills_workers_at_work(tmp_path):
+    pool = LocalPool(make(EndlessJob, tmp_path), 1)
     pool._give(0)
     (worker,) = active_children()
     assert worker.is_alive()
@@ -70,20 +68,28 @@ def test_closing_a_pool_kills_workers_at_work():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc which processes run")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT], ids=lambda how: how.name)
-def test_workers_end_with_the_process_that_started_them(how):
-    script = Path(datagen_jobs.__file__)
-    parent = subprocess.Popen(
-        [sys.executable, str(script)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        # What runs in the background of a shell script ignores SIGINT, and so do its children.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    assert parent.stdout is not None
-    assert parent.stdout.readline() == b"begun\n"
-    parent.send_signal(how)
-    # The worker holds the other end of this pipe as long as it lives: a minute, if it is left alone.
-    parent.communicate(timeout=30)
-    assert parent.returncode != 0
+def test_workers_end_with_the_process_that_started_them(how, tmp_path):
+    parent = get_context("spawn").Process(target=work_endlessly, args=(tmp_path,))
+    parent.start()
+    while not (begun := list(tmp_path.glob("begun_*"))):
+        assert parent.is_alive()
+        time.sleep(0.01)
+    worker = int(begun[0].name.removeprefix("begun_"))
+    os.kill(parent.pid, how)
+    parent.join(30)
+    assert parent.exitcode != 0
+    # Left alone it would live for a minute.
+    deadline = time.monotonic() + 30.0
+    while is_alive(worker):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process of this number runs; one that has ended and waits for its parent does not."""
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
