@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "geometry": {"foundation"},
     "grasping": {"foundation", "geometry"},
     "objects": {"foundation", "geometry"},
-    "network": {"foundation", "geometry", "grasping"},
+    "network": {"foundation", "geometry", "grasping", "objects"},
     "simulation": {"foundation", "geometry", "grasping", "objects"},
     "datagen": {"foundation", "geometry", "grasping", "objects", "simulation"},
     "training": {"foundation", "geometry", "grasping", "objects", "network", "simulation", "datagen"},

@@ -24,7 +24,7 @@ from icgnet.datagen.pool import local_pool
 from icgnet.errors import DataError
 from icgnet.files import cut_unfinished_line, new_file, write_json
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.network.weights import stored_checksum
+from icgnet.network.weights_header import stored_checksum
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.predictor import DEFAULT_WEIGHTS
 

@@ -20,7 +20,8 @@ from icgnet.files import cut_unfinished_line
 from icgnet.network.batch_norm import synchronise_statistics
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import load_weights, save_weights, stored_checksum
+from icgnet.network.weights import load_weights, save_weights
+from icgnet.network.weights_header import stored_checksum
 from icgnet.training.checkpoint import (
     CHECKPOINT_FILE,
     Progress,
