@@ -29,7 +29,7 @@ def test_the_same_scenes_are_drawn_every_time(recipes):
 
 def test_a_scene_that_shows_nothing_is_not_validated(recipes, shapes):
     empty = replace(recipes[1], objects=())
-    samples = validation_samples("tiny", SAMPLING, 9, [recipes[0], empty, recipes[2]], {"shapes": shapes})
+    samples = validation_samples(NETWORKS["tiny"], SAMPLING, 9, [recipes[0], empty, recipes[2]], {"shapes": shapes})
     assert len(samples) == 2
 
 

@@ -16,7 +16,7 @@ DENSE_CELLS = 30
 FRANKA = load_gripper("franka")
 LARGEST_OFFSET = 0.5
 MOST_OFFSETS = 100
-WIDEST_LAYER = 4096
+WIDEST_LAYER = 4096.0
 
 
 def _shown(value: Any) -> str:
@@ -58,7 +58,7 @@ class HandConfig:
     def __post_init__(self) -> None:
         for name in ("normal", "approach", "sideways", "rays"):
             _check_items(self, name, -LARGEST_OFFSET, LARGEST_OFFSET, MOST_OFFSETS)
-        check_range(self, 1, "map_channels", "hidden", "contact_width", most=WIDEST_LAYER)
+        check_range(self, 1.0, "map_channels", "hidden", "contact_width", most=WIDEST_LAYER)
 
     @property
     def points(self) -> int:
@@ -135,13 +135,13 @@ class NetworkConfig:
         check_range(self, 0.0, "batch_norm_momentum", "attention_threshold", most=1.0)
         check_range(self, 0.0, "fourier_scale", most=1000.0)
         widths = ("stem_width", "query_width", "token_feed_forward", "feed_forward", "affordance_feed_forward")
-        check_range(self, 1, *widths, "decoder_width", most=WIDEST_LAYER)
-        check_range(self, 1, "queries", "heads", "neighbours", "affordance_rounds", "decoder_blocks", most=1000)
-        check_range(self, 0, "coarse_volume", most=WIDEST_LAYER)
+        check_range(self, 1.0, *widths, "decoder_width", most=WIDEST_LAYER)
+        check_range(self, 1.0, "queries", "heads", "neighbours", "affordance_rounds", "decoder_blocks", most=1000.0)
+        check_range(self, 0.0, "coarse_volume", most=WIDEST_LAYER)
         for name in ("encoder_widths", "decoder_widths", "dense_widths"):
-            _check_items(self, name, 1, WIDEST_LAYER)
-        _check_items(self, "dilations", 1, 64)
-        _check_items(self, "tokens_per_level", 1, 10**9)
+            _check_items(self, name, 1.0, WIDEST_LAYER)
+        _check_items(self, "dilations", 1.0, 64.0)
+        _check_items(self, "tokens_per_level", 1.0, 1e9)
         levels = len(self.encoder_widths)
         if not len(self.decoder_widths) == len(self.dense_widths) == len(self.tokens_per_level) == levels == 4:
             raise InputError("the network has four levels: give four widths for encoder, decoder and dense part")

@@ -11,7 +11,6 @@ from icgnet.errors import DataError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import SIZE
-from icgnet.objects.classes import class_index
 from icgnet.objects.object_set import ObjectSet
 from icgnet.training.config import Sampling
 
@@ -29,7 +28,7 @@ class ObjectAssets:
     triangles: Float[np.ndarray, "t 3 3"]
     surface: Float[np.ndarray, "s 3"]
     distance: SignedDistanceGrid
-    class_index: int
+    class_name: str
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def _load_object(object_set: ObjectSet, key: str) -> ObjectAssets:
         np.asarray(mesh.triangles, np.float32),
         surface.astype(np.float32),
         object_set.signed_distance(key),
-        class_index(object_set.class_name(key)),
+        object_set.class_name(key),
     )
 
 
