@@ -76,6 +76,8 @@ def read_settings(kind: type[Settings], values: Any, name: str = "") -> Settings
 
 def _of_type(hint: Any, value: Any, name: str) -> Any:
     """The value as one of this type, or an `InputError`."""
+    if get_origin(hint) in (Union, UnionType) and type(None) in get_args(hint):
+        return None if value is None else _of_type(_without_none(hint), value, name)
     if hasattr(hint, "from_dict"):
         return hint.from_dict(value)
     if is_dataclass(hint) and isinstance(hint, type):
@@ -85,8 +87,9 @@ def _of_type(hint: Any, value: Any, name: str) -> Any:
         kinds = kinds[:1] * len(value) if kinds[1:] == (...,) else kinds
         if len(kinds) == len(value):
             return tuple(_of_type(each, item, name) for each, item in zip(kinds, value, strict=True))
-    elif (choices := _choices(hint)) and isinstance(value, str) and value in choices:
-        return value
+    elif get_origin(hint) is Literal:
+        if isinstance(value, str | int) and value in get_args(hint):
+            return value
     elif isinstance(value, bool):
         if hint is bool:
             return value
@@ -96,6 +99,11 @@ def _of_type(hint: Any, value: Any, name: str) -> Any:
         return value
     wanted = hint.__name__ if isinstance(hint, type) and not get_args(hint) else str(hint).replace("typing.", "")
     raise InputError(f"{name} must be of type {wanted}, got {repr(value)[:80]}")
+
+
+def _without_none(hint: Any) -> Any:
+    """What a type is beside None."""
+    return Union[tuple(part for part in get_args(hint) if part is not type(None))]  # noqa: UP007
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:

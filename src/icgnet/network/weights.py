@@ -56,10 +56,8 @@ def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple
     """
     path = Path(path)
     header = read_header(path)
-    stored = header.config
-    differences = [] if config is None else config.differences(stored)
-    if differences:
-        raise DataError(f"{path}: weights of another configuration: {', '.join(differences)}")
+    if config is not None:
+        header.check_config(config, path)
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
@@ -67,7 +65,7 @@ def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple
         raise DataError(f"{path}: not a readable safetensors file ({error})") from error
     if header.sha256 != tensors_checksum(tensors):
         raise DataError(f"{path}: damaged, the checksum of the weights does not match")
-    network = IcgNet(stored)
+    network = IcgNet(header.config)
     _fill(network, tensors, path)
     return network.eval(), header.metadata
 

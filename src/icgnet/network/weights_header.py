@@ -29,6 +29,16 @@ class WeightsHeader:
     metadata: dict[str, Any]
     sha256: str
 
+    def check_config(self, wanted: NetworkConfig, path: Path | str) -> None:
+        """Makes sure that the network is one of a configuration; hands that make the same labels are the same.
+
+        Raises:
+            DataError: it is not; the message says in what they differ.
+        """
+        differences = wanted.differences(self.config)
+        if differences:
+            raise DataError(f"{path}: weights of another configuration: {', '.join(differences)}")
+
     def entries(self) -> dict[str, str]:
         """The entries of the safetensors file's metadata, with their own checksum."""
         entries = {

@@ -20,7 +20,7 @@ from icgnet.files import cut_unfinished_line
 from icgnet.network.batch_norm import synchronise_statistics
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import load_weights, save_weights
-from icgnet.network.weights_header import stored_checksum
+from icgnet.network.weights_header import read_header
 from icgnet.training.checkpoint import (
     CHECKPOINT_FILE,
     Progress,
@@ -95,7 +95,11 @@ def train(
         report = _silence
     else:
         counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
-        begins_with = None if start is None else stored_checksum(start)
+        begins_with = None
+        if start is not None:
+            first = read_header(start)
+            first.check_config(network, start)
+            begins_with = first.sha256
         folders = sorted(str(folder) for folder in data)
         record = training_record(
             config, network, fabric.world_size, {"folders": folders, **counts, "start": begins_with}
