@@ -26,7 +26,6 @@ def test_unknown_fields_are_named():
         {"heads": 3},
         {"dilations": (1, 2)},
         {"dense_widths": (4, 4)},
-        {"affordance": "hands"},
         {"voxel_size": 0.0},
         {"tokens_per_level": (0, 1, 1, 1)},
         {"classes": ()},
@@ -58,9 +57,8 @@ def test_a_hand_and_classes_that_the_network_does_not_know_are_refused():
     config = NETWORKS["tiny"]
     config.check_hand(replace(config.gripper, name="mine"), "the scenes")
     config.check_classes(list(CLASSES), "the scenes")
-    with pytest.raises(
-        InputError, match=r"the scenes have the hand 'x', .* know only 'franka' \('x' has friction 1 inst"
-    ):
+    message = r"the scenes have the hand 'x', .* know only 'franka' \('x' has friction 1 instead of 0.75\)"
+    with pytest.raises(InputError, match=message):
         config.check_hand(replace(config.gripper, name="x", friction=1.0), "the scenes")
     with pytest.raises(InputError, match="the scenes have the classes box, but the weights know mug, box, can"):
         config.check_classes(["box"], "the scenes")

@@ -120,14 +120,19 @@ class Gripper:
                 hand: the message names the entry, its value and what is valid.
         """
         required = {"name", "base_offset", "palm", "finger", *RANGES}
-        if not isinstance(entries, dict) or not required <= set(entries) <= required | {"base_quaternion"}:
-            given = _shown(sorted(map(_shown, entries))) if isinstance(entries, dict) else _shown(entries)
+        if not isinstance(entries, dict):
+            raise InputError(f"must have the entries {', '.join(sorted(required))}; got {_shown(entries)}")
+        missing, unknown = required - set(entries), set(entries) - required - {"base_quaternion"}
+        if missing or unknown:
+            told = [f"{', '.join(sorted(missing))} missing"] * bool(missing)
+            told += [f"{', '.join(sorted(map(_shown, unknown)))[:200]} unknown"] * bool(unknown)
             raise InputError(
-                f"must have the entries {', '.join(sorted(required))}, and may have base_quaternion; got {given}"
+                f"must have the entries {', '.join(sorted(required))}, and may have base_quaternion: {', '.join(told)}"
             )
+        x, y, z = _parse_numbers(entries, "base_offset", 3, 1.0)
         gripper = cls(
             name=_parse_name(entries["name"]),
-            base_offset=tuple(_parse_numbers(entries, "base_offset", 3, 1.0)),
+            base_offset=(x, y, z),
             base_quaternion=_parse_quaternion(entries.get("base_quaternion", [1.0, 0.0, 0.0, 0.0])),
             palm=_parse_boxes(entries["palm"], "palm", fewest=0),
             finger=_parse_boxes(entries["finger"], "finger", fewest=1),
