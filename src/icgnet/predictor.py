@@ -30,8 +30,7 @@ from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
-
-DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
+from icgnet.network.weights_header import DEFAULT_WEIGHTS
 
 
 class Predictor:

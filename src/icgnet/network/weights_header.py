@@ -9,8 +9,11 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from icgnet.errors import DataError
+from icgnet.grasping.gripper import load_gripper
 from icgnet.network.config import NetworkConfig
+from icgnet.objects.classes import class_index
 
+DEFAULT_WEIGHTS = Path(__file__).parents[1] / "weights" / "default.safetensors"
 FORMAT = "icgnet-weights-2"
 """Since 2, the configuration names the hand and the classes."""
 
@@ -82,6 +85,27 @@ def read_header(path: Path | str) -> WeightsHeader:
     if not isinstance(metadata, dict):
         raise DataError(f"{path}: its metadata are not a mapping but {str(metadata)[:80]!r}")
     return WeightsHeader(config, metadata, entries.get("sha256", ""))
+
+
+def check_known(
+    weights: Path | str | None = None, gripper: str | Path | None = None, object_class: str | None = None
+) -> None:
+    """Makes sure, before anything heavy is loaded, that weights know a hand and a class.
+
+    Args:
+        weights: the file; the shipped one if None.
+        gripper: name of a gripper that ships with the package, or a gripper file; None asks for the weights' own.
+        object_class: name of a class; None for any.
+
+    Raises:
+        DataError: the weights or the gripper cannot be used.
+        InputError: another hand, or an unknown class; the message names those that the weights know.
+    """
+    config = read_header(DEFAULT_WEIGHTS if weights is None else weights).config
+    if gripper is not None:
+        config.check_hand(load_gripper(gripper), "the grasps that are asked for")
+    if object_class is not None:
+        class_index(object_class, config.classes)
 
 
 def stored_checksum(path: Path | str) -> str:
