@@ -7,7 +7,7 @@ from icgnet.grasping.gripper import Box, load_gripper
 from icgnet.viewer.gripper_picture import cup_diameter, gripper_panels
 
 FRANKA = load_gripper()
-PANEL = (90, 100)
+PANEL = (200, 210)
 
 
 def green(image) -> np.ndarray:
