@@ -1,5 +1,7 @@
 """`icgnet gripper check`."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
@@ -53,3 +55,9 @@ def test_wrong_use_is_one_line_and_exit_code_2(tmp_path, monkeypatch, capsys, ch
     assert message in error
     assert error.count("\n") == 1
     assert np.array_equal([path.name for path in tmp_path.iterdir()], ["mine.yaml"])
+
+
+def test_the_hand_of_the_guide_is_one(tmp_path):
+    guide = (Path(__file__).parents[2] / "docs" / "guides" / "own_gripper.md").read_text()
+    (tmp_path / "wide.yaml").write_text(guide.split("```yaml\n")[1].split("```")[0])
+    assert load_gripper(tmp_path / "wide.yaml").name == "wide"

@@ -119,7 +119,7 @@ class LabelHeader:
         return [named] * bool(hands) + [listed] * (self.classes != other.classes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipeObject:
     """An object of a recipe: key and class in its set, scale, position [m] and wxyz quaternion in the world."""
 
@@ -130,7 +130,7 @@ class RecipeObject:
     quaternion: Float[np.ndarray, "4"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipeContacts:
     """Labelled contacts; bit i of a label belongs to approach angle i.
 
@@ -156,7 +156,7 @@ class RecipeContacts:
         return len(self.positions)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recipe:
     """One labelled scene. `seed` is that of the whole run; with `scene_id` it gives the scene's random stream."""
 
