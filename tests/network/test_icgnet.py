@@ -205,9 +205,9 @@ def test_tiny_network_learns_one_scene():
     contacts, rows = scene.positions[::10], instances[::10]
     normals = nn.functional.normalize(contacts - torch.tensor(CENTRES, dtype=torch.float32)[rows], dim=1)
     labels = (normals[:, :1] > torch.linspace(-1, 1, 12)).float()
-    optimiser = torch.optim.AdamW(net.parameters(), lr=5e-3)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=1e-2)
     losses = []
-    for _ in range(40):
+    for _ in range(16):
         (embedding,) = net.encode([scene])
         affordance = net.decode_affordance(embedding, rows, contacts, normals)
         terms = torch.stack(

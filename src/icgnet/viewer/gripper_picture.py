@@ -44,8 +44,8 @@ def gripper_panels(gripper: Gripper, panel: tuple[int, int] = PANEL) -> dict[str
     labels = tuple(PlacedLabel(name, pose[:3, 3], QUIET_INK) for name, pose in frames.items())
     # All that is drawn decides the view, so that open and closed hand have the same size.
     view = _view(join([open_hand, *axes]), panel)
-    cup, at_rim = _cup(diameter), _grasp_at_rim(gripper)
-    held = join([_hand(gripper, at_rim, diameter), mesh_triangles(cup, CUP_COLOUR)])
+    cup = [mesh_triangles(part, CUP_COLOUR) for part in _cup(diameter)]
+    held = join([_hand(gripper, _grasp_at_rim(gripper), diameter), *cup])
     return {
         f"open, {1e3 * gripper.max_opening:.0f} mm between the pads; x red, y green, z blue": draw_scene(
             SceneDrawing(join([open_hand, *axes]), labels, view, None), panel
@@ -74,8 +74,8 @@ def _grasp_at_rim(gripper: Gripper) -> Float[np.ndarray, "4 4"]:
     return pose
 
 
-def _cup(diameter: float) -> trimesh.Trimesh:
-    """A cup with a handle along x, upright on the table at the origin [m]."""
+def _cup(diameter: float) -> list[trimesh.Trimesh]:
+    """A cup and its handle along x, upright on the table at the origin [m]."""
     radius = diameter / 2
     wall = min(CUP_WALL, radius / 4)
     profile = [(0, 0), (radius, 0), (radius, CUP_HEIGHT), (radius - wall, CUP_HEIGHT), (radius - wall, wall), (0, wall)]
@@ -85,7 +85,7 @@ def _cup(diameter: float) -> trimesh.Trimesh:
     ring.apply_translation([radius, 0.0, CUP_HEIGHT / 2])
     outside = np.linalg.norm(ring.triangles_center[:, :2], axis=1) > radius - wall
     ring.update_faces(outside)
-    return trimesh.util.concatenate([body, ring])
+    return [body, ring]
 
 
 def _hand(
