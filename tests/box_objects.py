@@ -11,6 +11,7 @@ from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.prediction import DetectedObject, Prediction
+from icgnet.objects.classes import CLASSES
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import Kind, ObjectSet, Split
 from icgnet.simulation.scene import PlacedObject, Scene
@@ -66,6 +67,7 @@ def predicted(meshes: list[trimesh.Trimesh], points: np.ndarray, labels: np.ndar
         cloud_instances=labels,
         T_frame_table=np.eye(4),
         gripper=load_gripper(),
+        classes=CLASSES,
         input_rows=np.arange(len(points)),
         input_shape=(len(points),),
     )

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from icgnet.datagen.recipe import FORMAT_VERSION, MANIFEST, Recipe, RecipeContacts, RecipeObject, pack_bits, write_shard
+from icgnet.datagen.recipe import MANIFEST, LabelHeader, Recipe, RecipeContacts, RecipeObject, pack_bits, write_shard
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.frame import grasp_rotations
+from icgnet.grasping.gripper import load_gripper
+from icgnet.objects.classes import CLASSES
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import ObjectSet
 
@@ -70,9 +72,12 @@ def make_recipe(scene_id: int, split: str = "train", contacts: int = 60) -> Reci
     )
 
 
-def write_recipes(folder: Path, train: int = 4, val: int = 2) -> None:
+HEADER = LabelHeader(load_gripper("franka"), CLASSES)
+
+
+def write_recipes(folder: Path, train: int = 4, val: int = 2, header: LabelHeader = HEADER) -> None:
     """Makes a folder of recipes as `icgnet generate` does."""
     folder.mkdir(parents=True)
-    (folder / MANIFEST).write_text(json.dumps({"format_version": FORMAT_VERSION}))
+    (folder / MANIFEST).write_text(json.dumps(header.to_dict()))
     recipes = [make_recipe(scene_id, "train" if scene_id < train else "val") for scene_id in range(train + val)]
-    write_shard(folder / "scenes.parquet", recipes)
+    write_shard(folder / "scenes.parquet", recipes, header)

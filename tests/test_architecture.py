@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "geometry": {"foundation"},
     "grasping": {"foundation", "geometry"},
     "objects": {"foundation", "geometry"},
-    "network": {"foundation", "geometry", "grasping"},
+    "network": {"foundation", "geometry", "grasping", "objects"},
     "simulation": {"foundation", "geometry", "grasping", "objects"},
     "parallel": {"foundation"},
     "sensors": {"foundation", "geometry", "simulation"},

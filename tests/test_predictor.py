@@ -1,11 +1,13 @@
 """The whole way from depth to grasps, with a small network that has random weights."""
 
+import copy
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+import yaml
 
 from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
@@ -15,6 +17,7 @@ from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.prediction import NO_INSTANCE, Prediction, load_prediction
+from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import save_weights
 from icgnet.predictor import Predictor
 from tabletop_scenes import INTRINSICS, SHAPE, THREE_BOXES, WIDE_ROW, camera_pose, depth_image, tiny_network
@@ -215,10 +218,56 @@ def test_a_search_that_ends_early_finds_the_same_best_grasps(predictor, in_world
     np.testing.assert_allclose(early.grasps.poses[:3], in_world.grasps.poses[:3])
 
 
+def knowing(predictor: Predictor, **changes) -> IcgNet:
+    """The network of a predictor as if it had been trained for another hand."""
+    network = copy.copy(predictor.network)
+    network.config = replace(network.config, gripper=replace(network.config.gripper, **changes))
+    return network
+
+
+def test_a_hand_that_the_weights_do_not_know_is_refused_in_one_line(predictor, tmp_path):
+    save_weights(tmp_path / "tiny.safetensors", predictor.network, {})
+    wide = predictor.gripper.to_dict() | {"name": "wide", "max_opening": 0.1}
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide))
+    message = r"hand 'wide', but the weights know only 'franka' \('wide' has max_opening 0.1 instead of 0.08\)"
+    with pytest.raises(InputError, match=message):
+        Predictor.load(tmp_path / "tiny.safetensors", gripper=tmp_path / "wide.yaml")
+    with pytest.raises(InputError, match=message):
+        Predictor(predictor.network, load_gripper(tmp_path / "wide.yaml"))
+
+
+def test_the_hand_of_the_weights_is_the_default_and_may_be_mounted_otherwise(predictor, tmp_path):
+    save_weights(tmp_path / "wide.safetensors", knowing(predictor, name="wide", max_opening=0.1), {})
+    loaded = Predictor.load(tmp_path / "wide.safetensors")
+    assert (loaded.gripper.name, loaded.gripper.max_opening) == ("wide", 0.1)
+    turned = predictor.gripper.to_dict() | {"base_quaternion": [0.0, 0.0, 0.0, 1.0]}
+    (tmp_path / "turned.yaml").write_text(yaml.safe_dump(turned))
+    save_weights(tmp_path / "tiny.safetensors", predictor.network, {})
+    hand = Predictor.load(tmp_path / "tiny.safetensors", gripper=tmp_path / "turned.yaml").gripper
+    np.testing.assert_allclose(hand.T_grasp_base[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=1e-12)
+
+
+def test_classes_are_those_of_the_weights(predictor, in_world, depth, tmp_path):
+    names = ("one", "two", "three", "four", "five", "six", "seven")
+    network = copy.copy(predictor.network)
+    network.config = replace(network.config, classes=names)
+    save_weights(tmp_path / "tiny.safetensors", network, {})
+    loaded = Predictor.load(tmp_path / "tiny.safetensors", search=QUICK)
+    result = loaded.predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT)
+    assert result.classes == loaded.classes == names
+    old = [predictor.classes.index(item.class_name) for item in in_world.objects]
+    assert [names.index(item.class_name) for item in result.objects] == old
+    result.save(tmp_path / "out")
+    saved = load_prediction(tmp_path / "out")
+    assert (saved.classes, saved.gripper) == (names, predictor.gripper)
+    assert len(saved.of_class("three").grasps) <= len(saved.grasps)
+    with pytest.raises(InputError, match="unknown object class 'mug'; the classes are one, two, three"):
+        saved.of_class("mug")
+
+
 def test_a_hand_that_comes_fully_open_is_checked_fully_open(predictor, depth):
     def rejected(clearance, opening):
-        hand = replace(predictor.gripper, clearance=clearance)
-        searcher = Predictor(predictor.network, hand, replace(QUICK, opening=opening))
+        searcher = Predictor(knowing(predictor, clearance=clearance), search=replace(QUICK, opening=opening))
         return searcher.predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT).rejected
 
     # With 4 cm of clearance every opening is the largest.
@@ -245,8 +294,8 @@ def test_objects_say_how_sure_the_network_is_of_them(in_world):
 def test_a_prediction_of_an_earlier_version_is_refused(in_camera, tmp_path):
     in_camera.save(tmp_path)
     text = (tmp_path / "result.json").read_text()
-    (tmp_path / "result.json").write_text(text.replace("icgnet prediction 2", "icgnet prediction 1"))
-    with pytest.raises(DataError, match="prediction 2' but 'icgnet prediction 1': predict again"):
+    (tmp_path / "result.json").write_text(text.replace("icgnet prediction 3", "icgnet prediction 1"))
+    with pytest.raises(DataError, match="prediction 3' but 'icgnet prediction 1': predict again"):
         load_prediction(tmp_path)
 
 

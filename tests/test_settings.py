@@ -1,10 +1,11 @@
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import pytest
 
 from icgnet.errors import InputError
-from icgnet.settings import check_choices, check_range
+from icgnet.settings import check_choices, check_range, read_settings
 
 
 @dataclass(frozen=True)
@@ -47,3 +48,36 @@ def test_numbers_out_of_range_are_named(heat):
 def test_a_limit_can_be_left_out_of_the_range():
     with pytest.raises(InputError, match="heat must be a number above 0, got 0"):
         check_range(Oven(heat=0), 0.0, "heat", above=True)
+
+
+@dataclass(frozen=True)
+class Kitchen:
+    oven: Oven = Oven()
+    plates: tuple[int, ...] = (1, 2)
+    at: tuple[float, str] = (0.0, "wall")
+    warm: bool = True
+
+
+def test_settings_survive_plain_values():
+    kitchen = Kitchen(Oven("grill", "on", None), (3,))
+    plain = json.loads(json.dumps(asdict(kitchen)))
+    plain["oven"]["heat"] = 2
+    assert read_settings(Kitchen, plain) == replace(kitchen, oven=Oven("grill", "on", 2.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"plates": [1.5]}, "plates must be of type int, got 1.5"),
+        ({"plates": "12"}, r"plates must be of type tuple\[int, ...\], got '12'"),
+        ({"at": [1.0]}, "at must be of type"),
+        ({"warm": 1}, "warm must be of type bool, got 1"),
+        ({"oven": {}}, "oven: the fields differ from Oven"),
+        ({"oven": asdict(Oven()) | {"mode": "steam"}}, "oven.mode must be of type"),
+        ({"oven": asdict(Oven()) | {"heat": "hot"}}, "oven.heat must be of type"),
+        ({"sink": 1}, r"fields differ from Kitchen: \['sink'\]"),
+    ],
+)
+def test_a_plain_value_of_another_type_is_named(change, message):
+    with pytest.raises(InputError, match=message):
+        read_settings(Kitchen, asdict(Kitchen()) | change)

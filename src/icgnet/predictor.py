@@ -30,8 +30,7 @@ from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
-
-DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
+from icgnet.network.weights_header import DEFAULT_WEIGHTS
 
 
 class Predictor:
@@ -39,14 +38,25 @@ class Predictor:
 
     Args:
         network: the network, in evaluation mode.
-        gripper: the hand that grasps are wanted for.
+        gripper: the hand that grasps are wanted for: the one that the network knows, perhaps mounted otherwise. None
+            is the network's own.
         search: how grasps are looked for.
         seed: of everything that is drawn; the same input then gives the same result.
+
+    Raises:
+        InputError: a hand that the network does not know.
     """
 
-    def __init__(self, network: IcgNet, gripper: Gripper, search: GraspSearch = DEFAULT_SEARCH, seed: int = 0) -> None:
+    def __init__(
+        self,
+        network: IcgNet,
+        gripper: Gripper | None = None,
+        search: GraspSearch = DEFAULT_SEARCH,
+        seed: int = 0,
+    ) -> None:
         self.network = network.eval()
-        self.gripper = gripper
+        self.gripper = network.config.gripper if gripper is None else gripper
+        network.config.check_hand(self.gripper, "the grasps that are asked for")
         self.search = search
         self.seed = seed
 
@@ -54,7 +64,7 @@ class Predictor:
     def load(
         weights: str | Path | None = None,
         threads: int | None = None,
-        gripper: str | Path = "franka",
+        gripper: str | Path | None = None,
         seed: int = 0,
         search: GraspSearch = DEFAULT_SEARCH,
     ) -> "Predictor":
@@ -63,19 +73,26 @@ class Predictor:
         Args:
             weights: a safetensors file that training wrote; the shipped one if None.
             threads: CPU threads of the network, for the whole process; as many as torch takes if None.
-            gripper: name of a gripper that ships with the package, or a gripper file.
+            gripper: name of a gripper that ships with the package, or a gripper file: the hand that the weights know,
+                perhaps mounted otherwise. None is the weights' own.
             seed: of everything that is drawn.
             search: how grasps are looked for.
 
         Raises:
             DataError: the weights or the gripper cannot be used.
-            InputError: a number of threads below 1.
+            InputError: a number of threads below 1, or a hand that the weights do not know.
         """
         set_threads(threads)
         if weights is None and not DEFAULT_WEIGHTS.is_file():
             raise DataError(f"this installation has no weights ({DEFAULT_WEIGHTS} is missing): give a weights file")
+        hand = None if gripper is None else load_gripper(gripper)
         network, _ = load_weights(DEFAULT_WEIGHTS if weights is None else weights)
-        return Predictor(network, load_gripper(gripper), search, seed)
+        return Predictor(network, hand, search, seed)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the object classes that the network knows."""
+        return self.network.config.classes
 
     def predict_cloud(self, points: Any, viewpoint: Any = None, table_height: float | None = None) -> Prediction:
         """Objects and grasps in a cloud, in the frame of the cloud.
@@ -188,6 +205,7 @@ class Predictor:
             cloud_instances=_labels(instances, parts, len(cloud)),
             T_frame_table=tabletop.T_frame_table,
             gripper=self.gripper,
+            classes=self.classes,
             input_rows=input_rows,
             input_shape=input_shape,
         )

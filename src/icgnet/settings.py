@@ -1,11 +1,15 @@
 """Checks that all settings share: frozen dataclasses say what is valid in their types, and these hold them to it."""
 
 import math
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from icgnet.errors import InputError
+
+Settings = TypeVar("Settings")
+_LARGEST = 1e300
+"""Settings are below this; an integer of hundreds of digits is no float."""
 
 
 def check_choices(settings: Any) -> None:
@@ -40,11 +44,66 @@ def check_range(settings: Any, least: float, *names: str, above: bool = False, m
         value = getattr(settings, name)
         if value is None:
             continue
-        is_number = isinstance(value, int | float) and math.isfinite(value)
+        is_number = isinstance(value, int | float) and -math.inf < value < math.inf
         if not is_number or value > most or value < least or (above and value == least):
             wanted = f"above {least:g}" if above else f"at least {least:g}"
             limit = "" if most == math.inf else f" and at most {most:g}"
             raise InputError(f"{name} must be a number {wanted}{limit}, got {value!r}")
+
+
+def read_settings(kind: type[Settings], values: Any, name: str = "") -> Settings:
+    """The dataclass of plain values, as `asdict` and JSON give them; lists become tuples.
+
+    Its fields are flags, numbers, texts, `Literal`s, tuples of these, dataclasses of such fields, or of a class that
+    reads itself with `from_dict`.
+
+    Args:
+        kind: the dataclass.
+        values: one for each of its fields, by name.
+        name: of the whole, for the message.
+
+    Raises:
+        InputError: a missing or unknown field, or a value of another type: the message names it.
+    """
+    hints = get_type_hints(kind)
+    names = {field.name for field in fields(kind)}  # pyright: ignore[reportArgumentType]
+    if not isinstance(values, dict) or set(values) != names:
+        differ = sorted(map(str, set(values) ^ names)) if isinstance(values, dict) else type(values).__name__
+        raise InputError(f"{name or 'settings'}: the fields differ from {kind.__name__}: {str(differ)[:200]}")
+    prefix = f"{name}." if name else ""
+    return kind(**{key: _of_type(hints[key], value, prefix + key) for key, value in values.items()})
+
+
+def _of_type(hint: Any, value: Any, name: str) -> Any:
+    """The value as one of this type, or an `InputError`."""
+    if get_origin(hint) in (Union, UnionType) and type(None) in get_args(hint):
+        return None if value is None else _of_type(_without_none(hint), value, name)
+    if hasattr(hint, "from_dict"):
+        return hint.from_dict(value)
+    if is_dataclass(hint) and isinstance(hint, type):
+        return read_settings(hint, value, name)
+    if get_origin(hint) is tuple and isinstance(value, list | tuple):
+        kinds = get_args(hint)
+        kinds = kinds[:1] * len(value) if kinds[1:] == (...,) else kinds
+        if len(kinds) == len(value):
+            return tuple(_of_type(each, item, name) for each, item in zip(kinds, value, strict=True))
+    elif get_origin(hint) is Literal:
+        if isinstance(value, str | int) and value in get_args(hint):
+            return value
+    elif isinstance(value, bool):
+        if hint is bool:
+            return value
+    elif hint is float and isinstance(value, int | float) and -_LARGEST < value < _LARGEST:
+        return float(value)
+    elif hint in (int, str) and isinstance(value, hint):
+        return value
+    wanted = hint.__name__ if isinstance(hint, type) and not get_args(hint) else str(hint).replace("typing.", "")
+    raise InputError(f"{name} must be of type {wanted}, got {repr(value)[:80]}")
+
+
+def _without_none(hint: Any) -> Any:
+    """What a type is beside None."""
+    return Union[tuple(part for part in get_args(hint) if part is not type(None))]  # noqa: UP007
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:

@@ -1,7 +1,6 @@
 """`icgnet dataset inspect` on a small data set of cubes, written by hand."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,8 @@ import trimesh
 
 from icgnet.cli.main import main
 from icgnet.datagen.recipe import FORMAT_VERSION, Recipe, RecipeContacts, RecipeObject, pack_bits, write_shard
-from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from shape_scenes import HEADER
 
 EDGE = 0.04
 SCENES = 3
@@ -38,15 +37,13 @@ def objects(tmp_path: Path) -> Path:
 def data(tmp_path: Path, objects: Path) -> Path:
     folder = tmp_path / "data"
     folder.mkdir()
-    write_shard(folder / "scenes-0000000.parquet", [cube_scene(number) for number in range(SCENES)])
-    gripper = load_gripper("franka")
+    write_shard(folder / "scenes-0000000.parquet", [cube_scene(number) for number in range(SCENES)], HEADER)
     object_set = load_object_set(objects)
     manifest = {
-        "format_version": FORMAT_VERSION,
+        **HEADER.to_dict(),
         "object_set": "things",
         "split": "train",
         "seed": 5,
-        "gripper": asdict(gripper) | {"T_grasp_base": gripper.T_grasp_base.tolist()},
         "objects": {key: object_set.fingerprint(key) for key in ("brick", "cube")},
     }
     (folder / "manifest.json").write_text(json.dumps(manifest))

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from PIL import Image
-from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from icgnet.cli.main import main
 from icgnet.geometry.camera import unproject
 from icgnet.network.weights import save_weights
+from icgnet.network.weights_header import read_header
 from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image, tiny_network
 
 QUICK = ["--contacts", "48", "--max-checked", "96", "--no-resample", "--threads", "1"]
@@ -113,10 +114,11 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
     np.save(folder / "left.npy", np.diag([1.0, 1.0, -1.0, 1.0]))
     np.save(folder / "shear.npy", np.array([[1, 0.3, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
     (folder / "broken.safetensors").write_bytes(b"not weights")
-    with safe_open(folder / "tiny.safetensors", framework="pt") as file:
-        header = file.metadata()
-    header["config"] = header["config"].replace('"queries": 8', '"queries": 9')
-    save_file(load_file(folder / "tiny.safetensors"), folder / "other.safetensors", header)
+    header = read_header(folder / "tiny.safetensors")
+    other = replace(header, config=replace(header.config, queries=9))
+    save_file(load_file(folder / "tiny.safetensors"), folder / "other.safetensors", other.entries())
+    wide = header.config.gripper.to_dict() | {"name": "wide", "max_opening": 0.1}
+    (folder / "wide.yaml").write_text(yaml.safe_dump(wide))
     depth, view = str(folder / "depth.png"), str(folder / "view.npz")
     metric = [depth, "--intrinsics", *FOCAL, "--depth-scale", "1000"]
     return {
@@ -141,6 +143,7 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
             "of another shape",
         ),
         "unknown gripper": ([view, "--gripper", "tweezers"], "'tweezers'"),
+        "hand that the weights do not know": ([view, "--gripper", str(folder / "wide.yaml")], "know only 'franka'"),
         "table of a cloud levelled": ([str(folder / "ball.npy"), "--level-table"], "--level-table is for depth images"),
         "table levelled without its height": ([*metric, "--level-table"], "give camera_pose and table_height"),
         "no threads": ([view, "--threads", "0"], "threads must be at least 1, got 0"),
@@ -152,7 +155,7 @@ CASES = (
     *("no such file", "empty cloud", "all-NaN cloud", "fewer than 100 points", "no plane"),
     *("depth of the wrong shape", "millimetres taken for metres", "scale 0"),
     *("singular intrinsics", "three intrinsics", "left-handed pose", "sheared pose"),
-    *("unknown class", "unknown object", "region upside down", "unknown gripper"),
+    *("unknown class", "unknown object", "region upside down", "unknown gripper", "hand that the weights do not know"),
     *("broken weights", "weights of another configuration"),
     *("table of a cloud levelled", "table levelled without its height", "no threads", "score above 1"),
 )

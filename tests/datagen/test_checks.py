@@ -1,15 +1,14 @@
 """Scenes of a cube with one fault each: every check finds its own."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 
-from icgnet.datagen.checks import LIMITS, check_scene, check_scenes, manifest_gripper, successful_grasps
+from icgnet.datagen.checks import LIMITS, check_scene, check_scenes, successful_grasps
 from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
-from icgnet.errors import DataError, InputError
+from icgnet.errors import InputError
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.base import ObjectSet
@@ -130,13 +129,3 @@ def test_grasps_amid_other_successes_are_the_safest():
     np.testing.assert_allclose(grasps.scores, [0.6, 0.8, 1.0, 0.8, 0.6])
     middle = grasps.poses[2, :3, 3] - GRIPPER.finger_reach * grasps.poses[2, :3, 2]
     np.testing.assert_allclose(middle, ON_TABLE + [0.0, 0.0, 0.005], atol=1e-6)
-
-
-def test_the_gripper_of_a_manifest_is_the_one_it_was_written_from():
-    written = json.loads(json.dumps({"gripper": asdict(GRIPPER) | {"T_grasp_base": GRIPPER.T_grasp_base.tolist()}}))
-    read = manifest_gripper(written)
-    assert read.boxes(0.05) == GRIPPER.boxes(0.05)
-    np.testing.assert_array_equal(read.T_grasp_base, GRIPPER.T_grasp_base)
-    for broken in ({}, {"gripper": 3}, {"gripper": {"name": "x"}}):
-        with pytest.raises(DataError, match="does not describe a gripper"):
-            manifest_gripper(broken)

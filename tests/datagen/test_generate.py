@@ -72,7 +72,7 @@ def test_progress_begins_with_what_was_there(complete, tmp_path):
 
 def test_the_manifest_says_how_the_labels_were_made(complete):
     manifest = json.loads((complete / "manifest.json").read_text())
-    assert manifest["format_version"] == 1
+    assert manifest["format_version"] == 2
     assert manifest["seed"] == 5
     assert manifest["gripper"]["name"] == "franka"
     assert manifest["physics"]["timestep"] == 0.004

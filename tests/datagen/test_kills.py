@@ -14,6 +14,7 @@ from icgnet.datagen.generate import generate
 from icgnet.datagen.job import GenerateConfig
 from icgnet.datagen.label_scene import LabelSettings
 from icgnet.datagen.recipe import read_shard
+from shape_scenes import HEADER
 
 KILLS = 10
 CONFIG = GenerateConfig(
@@ -52,7 +53,8 @@ def test_ten_kills_at_random_moments_lose_nothing_that_was_finished(tmp_path):
         run.join()
         after = finished(folder)
         assert after.items() >= before.items(), "a file that was finished is lost or changed"
-        assert all(len(read_shard(folder / name)) == CONFIG.shard_scenes for name in after.keys() - before.keys())
+        new = after.keys() - before.keys()
+        assert all(len(read_shard(folder / name, HEADER)) == CONFIG.shard_scenes for name in new)
         before = after
     count = len(before) + 3
     assert count <= CONFIG.scenes, "the run was over before the last kill"

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -12,11 +13,13 @@ from icgnet.datagen.recipe import (
     RecipeContacts,
     RecipeObject,
     pack_bits,
+    read_label_header,
     read_recipes,
     unpack_bits,
     write_shard,
 )
 from icgnet.errors import DataError
+from shape_scenes import HEADER
 
 
 def _recipe(scene_id, contacts, rng):
@@ -50,10 +53,11 @@ def _recipe(scene_id, contacts, rng):
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "manifest.json").write_text(json.dumps({"format_version": FORMAT_VERSION}))
+    (tmp_path / "manifest.json").write_text(json.dumps(HEADER.to_dict()))
     rng = np.random.default_rng(0)
-    write_shard(tmp_path / "scenes-0000000.parquet", [_recipe(0, 5, rng), _recipe(1, 0, rng), _recipe(2, 3, rng)])
-    write_shard(tmp_path / "scenes-0000003.parquet", [_recipe(3, 4, rng)])
+    first = [_recipe(0, 5, rng), _recipe(1, 0, rng), _recipe(2, 3, rng)]
+    write_shard(tmp_path / "scenes-0000000.parquet", first, HEADER)
+    write_shard(tmp_path / "scenes-0000003.parquet", [_recipe(3, 4, rng)], HEADER)
     return tmp_path
 
 
@@ -127,7 +131,48 @@ def test_another_format_version_is_refused(folder):
         read_recipes(folder)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "{}"])
+def test_data_of_the_first_version_are_refused_with_what_to_do(folder):
+    (folder / "manifest.json").write_text(json.dumps({"format_version": 1}))
+    with pytest.raises(
+        DataError, match=r"format version 1, but .* reads 2: make the scenes again with icgnet generate"
+    ):
+        read_recipes(folder)
+
+
+def test_folder_and_files_name_hand_and_classes(folder):
+    assert read_label_header(folder) == HEADER
+    written = json.loads(pq.read_schema(folder / "scenes-0000003.parquet").metadata[b"icgnet"])
+    assert written == json.loads((folder / "manifest.json").read_text()) == HEADER.to_dict()
+
+
+def test_a_file_of_another_hand_or_of_other_classes_is_named(folder):
+    wider = replace(HEADER, gripper=replace(HEADER.gripper, name="wide", max_opening=0.14))
+    more = replace(HEADER, classes=(*HEADER.classes, "vase"))
+    for header, message in (
+        (wider, r"hand 'wide' .*max_opening 0.14 instead of 0.08"),
+        (more, "ball, other, vase instead"),
+    ):
+        write_shard(folder / "scenes-0000003.parquet", [], header)
+        with pytest.raises(DataError, match=rf"scenes-0000003\.parquet: its labels are not .*{message}"):
+            read_recipes(folder)
+
+
+def test_another_name_or_mounting_is_the_same_hand(folder):
+    turned = replace(HEADER.gripper, name="mine", base_quaternion=(0.0, 0.0, 0.0, 1.0), base_offset=(0.0, 0.0, -0.2))
+    write_shard(folder / "scenes-0000003.parquet", [], replace(HEADER, gripper=turned))
+    assert len(read_recipes(folder)) == 3
+
+
+@pytest.mark.parametrize("metadata", [None, {b"icgnet": b"{"}, {b"icgnet": b'{"format_version": 2}'}])
+def test_a_file_that_does_not_name_its_hand_is_refused(folder, metadata):
+    pq.write_table(pa.Table.from_pylist([], SCHEMA.with_metadata(metadata)), folder / "scenes-0000003.parquet")
+    with pytest.raises(DataError, match=r"scenes-0000003\.parquet"):
+        read_recipes(folder)
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", "{}", "[" * 3000, '{"format_version": 2, "gripper": 3, "classes": ["box"]}']
+)
 def test_a_broken_manifest_is_named(folder, text):
     (folder / "manifest.json").write_text(text)
     with pytest.raises(DataError, match=r"manifest\.json"):
@@ -137,6 +182,6 @@ def test_a_broken_manifest_is_named(folder, text):
 def test_a_folder_without_recipes_is_refused(tmp_path):
     with pytest.raises(DataError, match="not a recipe folder"):
         read_recipes(tmp_path)
-    (tmp_path / "manifest.json").write_text(json.dumps({"format_version": FORMAT_VERSION}))
+    (tmp_path / "manifest.json").write_text(json.dumps(HEADER.to_dict()))
     with pytest.raises(DataError, match="no recipes"):
         read_recipes(tmp_path)

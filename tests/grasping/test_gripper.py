@@ -1,11 +1,14 @@
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from icgnet.errors import DataError
-from icgnet.grasping.gripper import GRIPPERS, load_gripper
+from icgnet.errors import DataError, InputError
+from icgnet.grasping.gripper import GRIPPERS, Gripper, load_gripper
 
 franka = load_gripper("franka")
 openings = st.floats(0.0, 0.08)
@@ -67,13 +70,15 @@ def test_surface_points_leave_no_gap_above_their_spacing():
         assert nearest.max() <= 0.008 * np.sqrt(0.5) + 1e-9
 
 
-def test_hand_without_a_palm_has_the_points_of_its_fingers(tmp_path):
-    entries = yaml.safe_load((GRIPPERS / "franka.yaml").read_text()) | {"palm": []}
-    (tmp_path / "fingers.yaml").write_text(yaml.safe_dump(entries))
-    gripper = load_gripper(tmp_path / "fingers.yaml")
-    assert 0 < len(gripper.surface_points(0.05)) < len(franka.surface_points(0.05))
-    bare = load_gripper(_write(tmp_path / "bare.yaml", entries | {"finger": []}))
-    assert bare.surface_points(0.05).shape == (0, 3)
+ENTRIES = yaml.safe_load((GRIPPERS / "franka.yaml").read_text())
+
+
+def box(lower: list, upper: list) -> dict:
+    return {"lower": lower, "upper": upper}
+
+
+def scaled(boxes: list[dict], factor: float) -> list[dict]:
+    return [box(*([factor * value for value in each[end]] for end in ("lower", "upper"))) for each in boxes]
 
 
 def _write(path, entries):
@@ -81,45 +86,144 @@ def _write(path, entries):
     return path
 
 
+def test_hand_without_a_palm_has_the_points_of_its_fingers(tmp_path):
+    gripper = load_gripper(_write(tmp_path / "fingers.yaml", ENTRIES | {"palm": []}))
+    assert 0 < len(gripper.surface_points(0.05)) < len(franka.surface_points(0.05))
+    assert replace(gripper, finger=()).surface_points(0.05).shape == (0, 3)
+
+
+def test_the_entries_lead_back_to_the_same_hand():
+    plain = json.loads(json.dumps(franka.to_dict()))
+    assert Gripper.from_dict(plain) == franka
+    assert plain == ENTRIES | {"base_quaternion": [1.0, 0.0, 0.0, 0.0]}
+    assert hash(Gripper.from_dict(plain)) == hash(franka)
+
+
+@given(st.lists(st.floats(0.001, 0.03), min_size=4, max_size=4), st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3))
+def test_any_numbers_lead_back_to_the_same_hand(lengths, offset):
+    half, thickness, length, palm = lengths
+    finger = [box([-half, 0.0, -0.02 - length], [half, thickness, 0.0])]
+    entries = ENTRIES | {"finger": finger, "palm": [box([-half, -0.1, -0.1], [half, 0.1, -0.02 - length + palm / 4])]}
+    hand = Gripper.from_dict(entries | {"base_offset": offset})
+    assert Gripper.from_dict(json.loads(json.dumps(hand.to_dict()))) == hand
+
+
+def test_a_hand_is_the_same_under_another_name_and_mounting():
+    mounted = replace(franka, name="mine", base_offset=(0.0, 0.0, -0.2), base_quaternion=(0.0, 0.0, 0.0, 1.0))
+    assert mounted != franka
+    assert mounted.same_hand(franka)
+    for key in ("max_opening", "finger_reach", "clearance", "finger_force", "friction"):
+        assert replace(franka, **{key: 0.04}).differences(franka) == [f"{key} 0.04 instead of {getattr(franka, key):g}"]
+    assert replace(franka, palm=()).differences(franka) == ["other boxes of the palm"]
+
+
+def test_a_base_link_can_be_turned(tmp_path):
+    half = float(np.sqrt(0.5))
+    turned = load_gripper(_write(tmp_path / "mine.yaml", ENTRIES | {"base_quaternion": [half, 0, 0, half]}))
+    np.testing.assert_allclose(turned.T_grasp_base[:3, :3] @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_array_equal(turned.T_grasp_base[:3, 3], franka.T_grasp_base[:3, 3])
+
+
+def test_a_file_that_was_edited_is_read_again(tmp_path):
+    path = _write(tmp_path / "mine.yaml", ENTRIES)
+    assert load_gripper(path).max_opening == 0.08
+    _write(path, ENTRIES | {"max_opening": 0.07})
+    assert load_gripper(path).max_opening == 0.07
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"max_opening": 80.0}, "max_opening is in metres, got 80"),
-        ({"max_opening": -0.08}, "max_opening must be a positive number, got -0.08"),
-        ({"clearance": float("nan")}, "clearance must be a positive number, got nan"),
-        ({"friction": "high"}, "friction must be a positive number, got 'high'"),
-        ({"colour": "white"}, "colour"),
-        ({"base_offset": [0, 0]}, "base_offset must be three numbers"),
+        ({"max_opening": 80.0}, "max_opening must be a number from 0.005 to 0.5 m, got 80"),
+        ({"max_opening": -0.08}, "max_opening must be a number from 0.005 to 0.5 m, got -0.08"),
+        ({"max_opening": 1e-320}, "max_opening must be a number from 0.005"),
+        ({"max_opening": 10**400}, "max_opening must be a number from 0.005 to 0.5 m, got 1000"),
+        ({"max_opening": True}, "max_opening must be a number from 0.005 to 0.5 m, got True"),
+        ({"clearance": float("nan")}, "clearance must be a number from 0.0005 to 0.05 m, got nan"),
+        ({"clearance": 1.0}, "clearance must be a number from 0.0005 to 0.05 m, got 1.0"),
+        (
+            {"max_opening": 0.02, "clearance": 0.02},
+            r"clearance must be at most half of max_opening \(0.02 m\), got 0.02",
+        ),
+        ({"finger_reach": 1.0}, "finger_reach must be a number from 0.0005 to 0.05 m, got 1.0"),
+        ({"finger_force": float("inf")}, "finger_force must be a number from 0.1 to 1000 N, got inf"),
+        ({"friction": "high"}, "friction must be a number from 0.01 to 10, got 'high'"),
+        ({"name": ""}, "name must be a printable text"),
+        ({"name": 3}, "name must be a printable text of 1 to 60 letters, got 3"),
+        ({"name": "a\nb"}, "name must be a printable text"),
+        ({"colour": "white"}, "'colour' unknown"),
+        ({3: "x", None: 1}, "3, None unknown"),
+        ({"base_offset": [0, 0]}, "base_offset must be three numbers from -1 to 1 m"),
         ({"base_offset": [0, 0, float("nan")]}, "base_offset must be three numbers"),
-        ({"palm": [{"lower": [0, 0, 0], "upper": [0.1, 0.1, -0.1]}]}, "lower < upper"),
-        ({"palm": [{"lower": [0, 0, 0], "upper": [0.1, 0.1, float("nan")]}]}, "upper must be three numbers"),
-        ({"palm": [{"lower": [0, 0, 0]}]}, "the entries lower and upper, got {'lower'"),
-        ({"palm": ["large"]}, "the entries lower and upper, got 'large'"),
+        ({"base_offset": [0, 0, -112.3]}, "base_offset must be three numbers from -1 to 1 m"),
+        ({"base_quaternion": [1, 0, 0]}, "base_quaternion must be four numbers"),
+        ({"base_quaternion": [1, 0, 0, 1]}, r"base_quaternion must be \[w, x, y, z\] of length 1"),
+        ({"base_quaternion": None}, "base_quaternion must be four numbers"),
+        ({"palm": [box([0, 0, -0.1], [0.1, 0.1, -0.2])]}, "palm box 1: a box needs lower < upper"),
+        ({"palm": [box([0, 0, 0], [0.1, 0.1, float("nan")])]}, "palm box 1: upper must be three numbers"),
+        ({"palm": [{"lower": [0, 0, 0]}]}, "palm box 1: a box needs the entries lower and upper, got {'lower'"),
+        ({"palm": ["large"]}, "a box needs the entries lower and upper, got 'large'"),
+        ({"palm": 3}, "palm must be a list of 0 to 64 boxes, got 3"),
+        ({"palm": ENTRIES["palm"] * 30}, "palm must be a list of 0 to 64 boxes"),
+        ({"palm": scaled(ENTRIES["palm"], 1000.0)}, "palm box 1: lower must be three numbers from -0.5 to 0.5 m"),
+        ({"palm": scaled(ENTRIES["palm"], 10.0)}, "palm box 1: lower must be three numbers from -0.5 to 0.5 m"),
+        ({"palm": [box([-0.03, -0.1, -0.14], [0.03, 0.1, -0.005])]}, "palm box 1 reaches to z = -0.005 m: the fingers"),
+        ({"palm": [box([-0.03, -0.1, -0.14], [0.03, 0.1, -0.02])]}, "goes 0.0179 m deep into palm box 1"),
+        ({"palm": [box([-0.03, 0.05, -0.14], [0.03, 0.1, -0.02])]}, "palm box 1 with the jaw open by 0.08 m"),
+        ({"finger": []}, "finger must be a list of 1 to 64 boxes"),
+        ({"finger": scaled(ENTRIES["finger"], 1000.0)}, "finger box 1: lower must be three numbers from -0.5 to 0.5"),
+        ({"finger": [box([-0.01, -0.03, -0.05], [0.01, 0.0, 0.0])]}, "finger box 1 reaches to y = -0.03 m"),
+        ({"finger": [box([-0.01, 0.02, -0.05], [0.01, 0.03, 0.0])]}, "plane y = 0 .* the finger begins at 0.02 m"),
+        ({"finger": [box([-0.01, 0.0, -0.05], [0.01, 0.01, 0.01])]}, "the finger must end in the tip at z = 0"),
+        ({"finger": [box([-0.01, 0.0, -0.008], [0.01, 0.01, 0.0])]}, "finger_reach must be less than the length"),
     ],
 )
 def test_broken_gripper_file_is_refused_by_name(tmp_path, change, message):
-    entries = yaml.safe_load((GRIPPERS / "franka.yaml").read_text()) | change
-    path = _write(tmp_path / "mine.yaml", entries)
+    path = _write(tmp_path / "mine.yaml", ENTRIES | change)
     with pytest.raises(DataError, match=message) as error:
         load_gripper(path)
-    assert "mine.yaml" in str(error.value)
+    assert str(error.value).startswith(f"gripper file {path}: ")
+    assert len(str(error.value)) < len(str(path)) + 500
+    assert str(error.value).isprintable()
 
 
 def test_missing_entry_is_named(tmp_path):
-    entries = yaml.safe_load((GRIPPERS / "franka.yaml").read_text())
-    del entries["friction"]
-    with pytest.raises(DataError, match="friction"):
+    entries = {key: value for key, value in ENTRIES.items() if key != "friction"}
+    with pytest.raises(DataError, match="base_quaternion: friction missing"):
         load_gripper(_write(tmp_path / "mine.yaml", entries))
 
 
-@pytest.mark.parametrize("content", ["", "- 1\n- 2\n", "a: [1, 2\n"])
+BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
+    f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(9)
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "- 1\n- 2\n", "a: [1, 2\n", "[" * 3000, "? [a]\n: 1\n", "!!python/object:os.system x", "\x00", BOMB]
+    + [BOMB + "palm: *j\n", "# " + "x" * 200_000, "date: 2026-99-99"],
+    ids=range(11),
+)
 def test_file_that_is_no_gripper_is_refused(tmp_path, content):
     path = tmp_path / "mine.yaml"
     path.write_text(content)
-    with pytest.raises(DataError, match=r"mine\.yaml"):
+    with pytest.raises(DataError, match=r"mine\.yaml") as error:
         load_gripper(path)
+    assert len(str(error.value)) < len(str(path)) + 600
 
 
-def test_unknown_gripper_lists_the_known_ones():
-    with pytest.raises(DataError, match=r"'robotiq' is neither a file nor one of \['franka'\]"):
-        load_gripper("robotiq")
+def test_aliases_in_the_place_of_numbers_are_refused_at_once(tmp_path):
+    nested: list = [1.0] * 9
+    for _ in range(9):
+        nested = [nested] * 9
+    for key in ("max_opening", "base_offset", "base_quaternion", "palm", "finger", "name"):
+        with pytest.raises(InputError, match=key) as error:
+            Gripper.from_dict(ENTRIES | {key: nested})
+        assert len(str(error.value)) < 500
+
+
+@pytest.mark.parametrize("source", ["robotiq", "x" * 5000, "a\0b"])
+def test_unknown_gripper_lists_the_known_ones(source):
+    with pytest.raises(DataError, match=r" is neither a file nor one of \['franka'\]") as error:
+        load_gripper(source)
+    assert len(str(error.value)) < 500

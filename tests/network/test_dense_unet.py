@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import torch
 
 from icgnet.network.config import NETWORKS
@@ -26,9 +24,8 @@ def test_doubling_keeps_cells_where_they_are():
 
 
 def test_maps_move_with_the_input_in_steps_of_the_coarsest_cell():
-    config = replace(NETWORKS["tiny"], dense_cells=48)
-    net = DenseUNet(config).eval()
-    grid = torch.zeros(1, config.dense_channels, 48, 48, 48)
+    net = network()
+    grid = torch.zeros(1, NETWORKS["tiny"].dense_channels, 48, 48, 48)
     grid[0, 0, 22:26, 23:25, 20:27] = 1.0
     near = net(grid)[0][-1].features[18:30, 18:30, 18:30]
     far = net(grid.roll(8, 2))[0][-1].features[26:38, 18:30, 18:30]

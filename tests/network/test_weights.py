@@ -1,13 +1,19 @@
+import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save, save_file
 
 from icgnet.errors import DataError
+from icgnet.network import weights_header
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import load_weights, save_weights
+from icgnet.network.weights import load_weights, save_weights, tensors_checksum
+from icgnet.network.weights_header import WeightsHeader, read_header, stored_checksum
+from icgnet.predictor import DEFAULT_WEIGHTS
 
 
 @pytest.fixture
@@ -67,3 +73,96 @@ def test_missing_foreign_and_damaged_files_are_data_errors(network, tmp_path):
 def test_file_is_plain_safetensors(network, tmp_path):
     save_weights(tmp_path / "net.safetensors", network, {})
     assert set(load_file(tmp_path / "net.safetensors")) == set(network.state_dict())
+
+
+def forge(path: Path, config: Any, metadata: Any = None, tensors: dict[str, torch.Tensor] | None = None) -> Path:
+    """Writes weights of any configuration, with checksums that are right."""
+    tensors = tensors or {"weight": torch.zeros(3)}
+    entries = WeightsHeader(NETWORKS["tiny"], {}, tensors_checksum(tensors)).entries()
+    del entries["header_sha256"]
+    entries |= {"config": config if isinstance(config, str) else json.dumps(config), "metadata": json.dumps(metadata)}
+    entries["header_sha256"] = weights_header._checksum(entries)
+    path.write_bytes(save(tensors, entries))
+    return path
+
+
+def test_the_shipped_weights_know_the_franka_hand_and_seven_classes():
+    header = read_header(DEFAULT_WEIGHTS)
+    assert header.config == NETWORKS["default"]
+    assert header.config.gripper.name == "franka"
+    assert header.config.classes == ("mug", "box", "can", "bottle", "cylindric", "ball", "other")
+    assert header.sha256.startswith("4daa63e1")
+
+
+def test_weights_of_the_first_version_are_refused_with_what_to_do(tmp_path):
+    save_file({"weight": torch.zeros(3)}, tmp_path / "old.safetensors", {"format": "icgnet-weights-1"})
+    message = r"old\.safetensors: weights of an earlier .* which hand and classes .*: train again"
+    for read in (load_weights, stored_checksum):
+        with pytest.raises(DataError, match=message):
+            read(tmp_path / "old.safetensors")
+
+
+def test_the_checksum_covers_the_header(network, tmp_path):
+    path = tmp_path / "net.safetensors"
+    save_weights(path, network, {"step": 1})
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b'voxel_size\\": 0.003', b'voxel_size\\": 0.004'))
+    assert path.read_bytes() != content
+    with pytest.raises(DataError, match="the checksum of the header does not match"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"voxel_size": 0}, "voxel_size must be a number at least 0.001 and at most 0.05, got 0"),
+        ({"voxel_size": -1.0}, "voxel_size must be a number"),
+        ({"voxel_size": "a"}, "voxel_size must be of type float, got 'a'"),
+        ({"voxel_size": 10**400}, "voxel_size must be of type float, got 1000"),
+        ({"voxel_size": float("nan")}, "voxel_size must be of type float, got nan"),
+        ({"queries": True}, "queries must be of type int, got True"),
+        ({"queries": 8.5}, "queries must be of type int, got 8.5"),
+        ({"heads": 0}, "heads must be a number at least 1"),
+        ({"dilations": [0] * 8}, "dilations must be 1 to 16 numbers from 1 to 64"),
+        ({"dilations": 3}, r"dilations must be of type tuple\[int, ...\], got 3"),
+        ({"dilations": [[1]] * 8}, r"dilations must be of type int, got \[1\]"),
+        ({"tokens_per_level": []}, "tokens_per_level must be 1 to 16 numbers"),
+        ({"affordance": "hands"}, "affordance must be of type .*'contact', 'hand'"),
+        ({"affordance": ["hand"]}, "affordance must be of type"),
+        ({"visibility": None}, "visibility must be of type bool, got None"),
+        ({"hand": []}, "hand: the fields differ from HandConfig: list"),
+        ({"hand": {"rays": 1}}, "hand: the fields differ from HandConfig"),
+        ({"classes": 7}, r"classes must be of type tuple\[str, ...\], got 7"),
+        ({"classes": ["box", "box"]}, "classes must have different names"),
+        ({"classes": ["../box"]}, "a class must have a name of 1 to 40 letters"),
+        ({"gripper": None}, "must have the entries"),
+        ({"colour": 1}, r"settings: the fields differ from NetworkConfig: \['colour'\]"),
+    ],
+)
+def test_any_wrong_field_of_the_configuration_is_one_line(tmp_path, change, message):
+    config = json.loads(json.dumps(NETWORKS["tiny"].to_dict())) | change
+    path = forge(tmp_path / "net.safetensors", config, {})
+    with pytest.raises(DataError, match=rf"net\.safetensors: its configuration is not .*{message}") as error:
+        load_weights(path)
+    assert len(str(error.value)) < 700
+
+
+@pytest.mark.parametrize("config", ["[]", "null", "3", "{", "[" * 100_000, '{"hand": 3}', "{}"])
+def test_a_configuration_that_is_none_is_a_data_error(tmp_path, config):
+    with pytest.raises(DataError, match="its configuration is not of this version") as error:
+        load_weights(forge(tmp_path / "net.safetensors", config, {}))
+    assert len(str(error.value)) < 700
+
+
+def test_metadata_and_tensors_of_another_kind_are_data_errors(network, tmp_path):
+    path = tmp_path / "net.safetensors"
+    config = network.config.to_dict()
+    with pytest.raises(DataError, match=r"its metadata are not a mapping but '\[3\]'"):
+        load_weights(forge(path, config, [3]))
+    with pytest.raises(DataError, match="tensors are missing, unknown or of another shape"):
+        load_weights(forge(path, config, {}))
+    for wrong in (float("nan"), float("inf")):
+        tensors = {name: tensor.clone() for name, tensor in network.state_dict().items()}
+        tensors[next(iter(tensors))].view(-1)[0] = wrong
+        with pytest.raises(DataError, match="1 tensors hold numbers that are not finite"):
+            load_weights(forge(path, config, {}, tensors))

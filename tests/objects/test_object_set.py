@@ -9,7 +9,15 @@ import pytest
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.signed_distance import PITCH
 from icgnet.objects.base import cache_directory
-from icgnet.objects.classes import CLASSES, VGN_CLASSES, VGN_VAL, class_index, read_alternatives, read_classes
+from icgnet.objects.classes import (
+    CLASSES,
+    VGN_CLASSES,
+    VGN_VAL,
+    check_class_list,
+    class_index,
+    read_alternatives,
+    read_classes,
+)
 from icgnet.objects.object_set import KINDS, SPLITS, load_object_set, warm_cache
 
 
@@ -124,8 +132,25 @@ def test_warm_cache_works_in_other_processes(urdf_folder: Path):
     assert len(list((cache_directory() / "signed_distance").iterdir())) == 1
 
 
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (7, "classes must be a list of 1 to 1000 names, got 7"),
+        ([], "classes must be a list"),
+        (["mug", 3], "a class must have a name of 1 to 40 letters, digits and _, got 3"),
+        (["mug/../.."], "a class must have a name"),
+        (["mug", "box", "mug"], "different names, got mug, box, mug"),
+    ],
+)
+def test_a_broken_list_of_classes_is_refused(names, message):
+    with pytest.raises(InputError, match=message):
+        check_class_list(names)
+    assert check_class_list(list(CLASSES)) == CLASSES
+
+
 def test_class_index_follows_the_list():
-    assert [class_index(name) for name in CLASSES] == list(range(7))
+    assert [class_index(name) for name in CLASSES] == list(range(len(CLASSES)))
+    assert class_index("vase", ("mug", "vase")) == 1
     with pytest.raises(InputError, match=r"'vase'.*mug, box, can"):
         class_index("vase")
 

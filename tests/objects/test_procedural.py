@@ -29,7 +29,7 @@ def test_at_least_three_hundred_shapes_of_all_seven_classes():
     shapes = {shape_name(key): SET.class_name(key) for key in keys}
     assert Counter(shapes.values()) == COUNTS
     assert len(shapes) >= 300
-    assert set(shapes.values()) == set(CLASSES)
+    assert len(set(shapes.values())) == 7
 
 
 def test_a_tenth_of_each_class_is_val_and_a_tenth_test():
@@ -53,7 +53,7 @@ def test_names_are_sorted_and_carry_their_kind():
 
 
 def test_packed_scenes_have_every_class():
-    assert {SET.class_name(key) for key in SET.names("packed", "train")} == set(CLASSES)
+    assert {SET.class_name(key) for key in SET.names("packed", "train")} == set(COUNTS)
 
 
 def test_a_shape_depends_on_its_name_alone():
@@ -129,7 +129,8 @@ def test_mugs_are_hollow():
 
 
 def test_every_family_belongs_to_a_known_class():
-    assert set(FAMILIES) == set(CLASSES)
+    # There may be classes that only other object sets have.
+    assert set(FAMILIES) == set(COUNTS) <= set(CLASSES)
 
 
 def test_unknown_object_is_refused_with_similar_names():

@@ -23,6 +23,7 @@ from icgnet.training.calibration import (
 )
 from icgnet.training.config import TRAININGS
 from icgnet.training.matching import MatchingCosts
+from shape_scenes import HEADER
 from simple_networks import network_that_likes_hands_from_above
 
 SAMPLING = replace(TRAININGS["tiny"].sampling, half_resolution=1.0).for_validation()
@@ -201,7 +202,7 @@ def test_half_precision_stays_but_for_the_calibrated_layer(weights, calibrate_sh
 
 
 def test_data_without_validation_scenes_leave_no_file(weights, recipes, calibrate_shapes, tmp_path, monkeypatch):
-    monkeypatch.setattr("icgnet.training.validation.read_recipes", lambda folder: recipes)
+    monkeypatch.setattr("icgnet.training.validation.gather_recipes", lambda folders: (recipes, HEADER))
     with pytest.raises(DataError, match="no recipes of split 'val'"):
         calibrate_shapes(weights, tmp_path / "c.safetensors")
     assert not (tmp_path / "c.safetensors").exists()

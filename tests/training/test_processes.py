@@ -11,6 +11,7 @@ from lightning_fabric import Fabric
 
 import train_together
 from icgnet.errors import DataError, InputError
+from icgnet.network.config import NETWORKS
 from icgnet.training.checkpoint import CHECKPOINT_FILE
 from icgnet.training.config import TRAININGS, training_record, write_or_compare
 from icgnet.training.log import REPORTED, TrainingLog
@@ -117,15 +118,15 @@ def test_only_the_first_process_reports_and_writes(runs):
 
 def test_a_run_may_go_on_with_other_processes_but_not_with_other_scenes_per_step(tmp_path):
     tiny = TRAININGS["tiny"]
-    write_or_compare(tmp_path, training_record(replace(tiny, batch=4), 1, {}))
-    changes = write_or_compare(tmp_path, training_record(replace(tiny, batch=2), 2, {}))
+    write_or_compare(tmp_path, training_record(replace(tiny, batch=4), NETWORKS["tiny"], 1, {}))
+    changes = write_or_compare(tmp_path, training_record(replace(tiny, batch=2), NETWORKS["tiny"], 2, {}))
     assert changes == ["training.batch: 4 there, 2 now"]
     with pytest.raises(DataError, match="scenes_per_step: 4 there, 8 now"):
-        write_or_compare(tmp_path, training_record(replace(tiny, batch=4), 2, {}))
+        write_or_compare(tmp_path, training_record(replace(tiny, batch=4), NETWORKS["tiny"], 2, {}))
 
 
 def test_a_run_from_before_there_were_several_processes_goes_on(tmp_path):
-    record = training_record(TRAININGS["tiny"], 1, {})
+    record = training_record(TRAININGS["tiny"], NETWORKS["tiny"], 1, {})
     (tmp_path / "config.json").write_text(json.dumps({k: v for k, v in record.items() if k != "scenes_per_step"}))
     assert write_or_compare(tmp_path, record) == []
 

@@ -10,6 +10,7 @@ from icgnet.network.weights import save_weights
 from icgnet.training import validation
 from icgnet.training.config import TRAININGS
 from icgnet.training.validation import draw_scenes, evaluate_weights, validation_samples
+from shape_scenes import HEADER
 
 SAMPLING = replace(TRAININGS["tiny"].sampling, half_resolution=1.0)
 
@@ -29,13 +30,13 @@ def test_the_same_scenes_are_drawn_every_time(recipes):
 
 def test_a_scene_that_shows_nothing_is_not_validated(recipes, shapes):
     empty = replace(recipes[1], objects=())
-    samples = validation_samples("tiny", SAMPLING, 9, [recipes[0], empty, recipes[2]], {"shapes": shapes})
+    samples = validation_samples(NETWORKS["tiny"], SAMPLING, 9, [recipes[0], empty, recipes[2]], {"shapes": shapes})
     assert len(samples) == 2
 
 
 def test_evaluation_names_a_split_without_scenes(recipes, tmp_path, monkeypatch):
     save_weights(tmp_path / "w.safetensors", IcgNet(NETWORKS["tiny"]), {})
-    monkeypatch.setattr(validation, "read_recipes", lambda folder: recipes)
+    monkeypatch.setattr(validation, "gather_recipes", lambda folders: (recipes, HEADER))
     with pytest.raises(DataError, match="'val'"):
         evaluate_weights(tmp_path / "w.safetensors", [tmp_path], [])
 
@@ -43,7 +44,7 @@ def test_evaluation_names_a_split_without_scenes(recipes, tmp_path, monkeypatch)
 def test_evaluation_reports_each_kind_and_all(recipes, shapes, tmp_path, monkeypatch):
     save_weights(tmp_path / "w.safetensors", IcgNet(NETWORKS["tiny"]), {})
     held_out = [replace(recipes[0], split="val"), replace(recipes[1], split="val", kind="pile")]
-    monkeypatch.setattr(validation, "read_recipes", lambda folder: held_out)
+    monkeypatch.setattr(validation, "gather_recipes", lambda folders: (held_out, HEADER))
     monkeypatch.setattr(validation, "load_object_set", lambda source: shapes)
     metrics = evaluate_weights(tmp_path / "w.safetensors", [tmp_path], ["shapes"])
     assert set(metrics) == {"packed", "pile", "all"}

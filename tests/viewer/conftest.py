@@ -11,6 +11,7 @@ from icgnet.geometry.transforms import make_transform, transform_points
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.objects.classes import CLASSES
 
 VIEWPOINT = np.array([0.45, -0.25, 0.5])
 
@@ -64,6 +65,7 @@ def make_prediction() -> Callable[..., Prediction]:
             cloud_instances=np.concatenate([*instances, np.full(20, NO_INSTANCE)]),
             T_frame_table=T,
             gripper=load_gripper("franka"),
+            classes=CLASSES,
             input_rows=np.arange(len(cloud)),
             input_shape=(len(cloud),),
         )

@@ -22,7 +22,7 @@ from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_ro
 from icgnet.errors import DataError
 from icgnet.files import cut_unfinished_line, new_file, write_json
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.network.weights import stored_checksum
+from icgnet.network.weights_header import stored_checksum
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.parallel.lock import locked
 from icgnet.parallel.pool import local_pool

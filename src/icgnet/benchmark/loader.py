@@ -9,9 +9,8 @@ import numpy as np
 import torch
 
 from icgnet.errors import InputError
-from icgnet.network.config import NETWORKS
 from icgnet.training.config import TrainingConfig
-from icgnet.training.dataset import RecipeDataset
+from icgnet.training.dataset import RecipeDataset, network_for
 from icgnet.training.validation import load_object_sets, recipes_of_split
 
 WARM_UP = 5  # visits before the clock runs: lookup tables are made at the first ones
@@ -63,8 +62,9 @@ def load_dataset(data: Sequence[Path], objects: Sequence[str | Path], config: Tr
     Raises:
         DataError: no recipes of split "train", or a missing object set.
     """
-    recipes = recipes_of_split(data, "train")
-    return RecipeDataset(recipes, load_object_sets(objects), config.sampling, NETWORKS[config.network], config.seed)
+    recipes, header = recipes_of_split(data, "train")
+    network = network_for(config.network, header)
+    return RecipeDataset(recipes, load_object_sets(objects), config.sampling, network, config.seed)
 
 
 def time_visits(dataset: RecipeDataset, visits: int) -> LoaderNumbers:

@@ -13,7 +13,7 @@ from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper
 from icgnet.inference.prediction import Prediction
-from icgnet.network.weights import stored_checksum
+from icgnet.network.weights_header import stored_checksum
 from icgnet.objects.object_set import Kind, ObjectSet, Split
 from icgnet.predictor import Predictor
 

@@ -58,8 +58,8 @@ class Dataset:
         if self.scenes < 0 or self.checked < 1:
             raise InputError(f"scenes must be at least 0 and checked at least 1, got {self.scenes} and {self.checked}")
         from icgnet.datagen.card import find_objects, make_card
-        from icgnet.datagen.checks import manifest_gripper
         from icgnet.datagen.recipe import read_manifest, read_recipes
+        from icgnet.grasping.gripper import Gripper
 
         if self.out is not None:
             check_replaceable(self.out, CARD_JSON, self.overwrite)
@@ -80,7 +80,7 @@ class Dataset:
             (folder / CARD_JSON).write_text(json.dumps(card.to_json(), indent=2) + "\n")
             (folder / CARD_MARKDOWN).write_text(card.to_markdown())
             if object_set is not None:
-                _draw(drawn, object_set, manifest_gripper(manifest), folder)
+                _draw(drawn, object_set, Gripper.from_dict(manifest["gripper"]), folder)
         console.print(f"wrote {self.out}", soft_wrap=True, markup=False)
 
     def _drawn(self, recipes: "Sequence[Recipe]") -> "list[Recipe]":

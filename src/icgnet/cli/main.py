@@ -16,6 +16,7 @@ from icgnet.cli.dataset import Dataset
 from icgnet.cli.demo import Demo
 from icgnet.cli.evaluate import Evaluate
 from icgnet.cli.generate import Generate
+from icgnet.cli.gripper import Gripper
 from icgnet.cli.objects import Objects
 from icgnet.cli.predict import Predict
 from icgnet.cli.sensors import Sensors
@@ -42,6 +43,7 @@ Command = (
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Sensors, tyro.conf.subcommand("sensors")]
     | Annotated[Objects, tyro.conf.subcommand("objects")]
+    | Annotated[Gripper, tyro.conf.subcommand("gripper")]
     | Annotated[Version, tyro.conf.subcommand("version")]
 )
 

@@ -12,7 +12,6 @@ from rich.console import Console
 from icgnet.cli.report import print_tables, with_median_timings, with_meshes, write_folder
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import GraspSearch
-from icgnet.objects.classes import class_index
 from icgnet.output_folder import check_replaceable
 
 if TYPE_CHECKING:
@@ -58,8 +57,8 @@ class Predict:
     """Grasps in this box only: x y z of its lower, then of its upper corner [m]."""
     weights: Path | None = None
     """Weights file; the one that ships with the package if not given."""
-    gripper: str = "franka"
-    """Name of a gripper or a gripper file."""
+    gripper: str | None = None
+    """Name of a gripper or a gripper file: the hand that the weights know, perhaps mounted otherwise."""
     threads: int | None = None
     """CPU threads."""
     seed: int = 0
@@ -77,12 +76,13 @@ class Predict:
             IcgnetError: for everything that the caller can mend.
         """
         out = self.out or (None if self.json else DEFAULT_OUT)
-        if self.object_class is not None:
-            class_index(self.object_class)
         if out is not None:
             check_replaceable(out, "result.json", self.overwrite)
         if self.repeat < 1:
             raise InputError(f"repeat must be at least 1, got {self.repeat}")
+        from icgnet.network.weights_header import check_known
+
+        check_known(self.weights, self.gripper, self.object_class)
         result = self._choose(self._predict())
         if out is not None:
             write_folder(result, out, self.overwrite, self.input.name)

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.datagen.checks import Checks, check_scenes, manifest_gripper
+from icgnet.datagen.checks import Checks, check_scenes
 from icgnet.datagen.recipe import Recipe
 from icgnet.datagen.statistics import LabelShares, NameUse, Statistics, count_statistics, files_size
 from icgnet.errors import DataError, IcgnetError
+from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet, load_object_set
 
 ORIGIN = ("object_set", "split", "scene", "seed", "format_version", "code_version")
@@ -106,7 +107,7 @@ def make_card(
     checks = None
     if object_set is not None:
         sample = [recipes[row] for row in draw_rows(len(recipes), checked, seed)]
-        checks = check_scenes(sample, object_set, manifest_gripper(manifest))
+        checks = check_scenes(sample, object_set, Gripper.from_dict(manifest["gripper"]))
     origin = {key: value for key in ORIGIN if isinstance(value := manifest.get(key), str | int | float)}
     return DataCard(directory.resolve().name, origin, statistics, checks, missing)
 

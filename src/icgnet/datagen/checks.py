@@ -4,23 +4,21 @@ Labels come from the physics, which touches convex pieces; the network learns fr
 grids. A fault of either shows where they disagree. Every check measures a length, which is compared with a limit.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
 
 from icgnet.datagen.recipe import Recipe, unpack_bits
-from icgnet.errors import DataError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
-from icgnet.grasping.gripper import Box, Gripper
+from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import PlacedObject, world_mesh
 
@@ -207,23 +205,6 @@ def successful_grasps(recipe: Recipe, gripper: Gripper) -> Grasps:
     openings = gripper.opening(widths[rows])
     poses = draw_back(poses, openings, gripper, TABLE_HEIGHT)
     return Grasps(poses, widths[rows], openings, safety[rows, angles], contacts.objects[rows], positions[rows], angles)
-
-
-def manifest_gripper(manifest: Mapping[str, object]) -> Gripper:
-    """The gripper that a data set was labelled with, from its manifest.
-
-    Raises:
-        DataError: the manifest does not describe one.
-    """
-    try:
-        entries: dict[str, Any] = dict(cast(Mapping[str, Any], manifest["gripper"]))
-        boxes = {
-            key: tuple(Box(tuple(box["centre"]), tuple(box["size"])) for box in entries.pop(key))
-            for key in ("palm", "finger")
-        }
-        return Gripper(T_grasp_base=np.array(entries.pop("T_grasp_base"), np.float64), **boxes, **entries)
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"the manifest does not describe a gripper: {error}") from error
 
 
 class _Placed:

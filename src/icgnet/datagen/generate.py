@@ -8,7 +8,7 @@ from pathlib import Path
 
 from icgnet.datagen.job import GenerateConfig, GenerateJob
 from icgnet.datagen.manifest import make_manifest, prepare_folder
-from icgnet.datagen.recipe import Recipe, count_scenes, read_shard, write_shard
+from icgnet.datagen.recipe import LabelHeader, Recipe, count_scenes, read_shard, write_shard
 from icgnet.datagen.report import GenerationReport, GenerationTally, make_report
 from icgnet.datagen.usable_objects import usable_objects
 from icgnet.files import remove_partial_files, write_json
@@ -79,7 +79,7 @@ def generate(
 
 def _fill(directory: Path, job: GenerateJob, on_progress: Callable[[int], None]) -> GenerationReport:
     """Makes the scenes that a folder lacks."""
-    shards = list(_unfinished_shards(directory, job.config))
+    shards = list(_unfinished_shards(directory, job.config, job.header))
     missing = [scene_id for shard in shards for scene_id in shard.missing]
     found = job.config.scenes - len(missing)
     on_progress(found)
@@ -88,7 +88,7 @@ def _fill(directory: Path, job: GenerateJob, on_progress: Callable[[int], None])
     if missing:
         with closing(_make_pool(job)) as pool:
             start = time.perf_counter()
-            for done, recipe in enumerate(_write_when_full(shards, pool.make(missing)), found + 1):
+            for done, recipe in enumerate(_write_when_full(shards, pool.make(missing), job.header), found + 1):
                 tallies[recipe.kind].add(recipe)
                 on_progress(done)
             workers = pool.workers
@@ -101,7 +101,7 @@ def _make_pool(job: GenerateJob) -> Pool[Recipe]:
     return local_pool(job, job.config.workers)
 
 
-def _unfinished_shards(directory: Path, config: GenerateConfig) -> Iterator[Shard]:
+def _unfinished_shards(directory: Path, config: GenerateConfig, header: LabelHeader) -> Iterator[Shard]:
     """The files to write, in the order of their scenes."""
     for start in range(0, config.scenes, config.shard_scenes):
         path = directory / f"scenes-{start:07d}.parquet"
@@ -109,17 +109,17 @@ def _unfinished_shards(directory: Path, config: GenerateConfig) -> Iterator[Shar
         if not path.exists():
             yield Shard(path, ids)
         elif count_scenes(path) < len(ids):
-            yield Shard(path, ids, {recipe.scene_id: recipe for recipe in read_shard(path)})
+            yield Shard(path, ids, {recipe.scene_id: recipe for recipe in read_shard(path, header)})
 
 
-def _write_when_full(shards: Sequence[Shard], recipes: Iterable[Recipe]) -> Iterator[Recipe]:
+def _write_when_full(shards: Sequence[Shard], recipes: Iterable[Recipe], header: LabelHeader) -> Iterator[Recipe]:
     """Hands the recipes on, whose order is any, and writes each file as soon as its last scene is there."""
     shard_of = {scene_id: shard for shard in shards for scene_id in shard.missing}
     for recipe in recipes:
         shard = shard_of[recipe.scene_id]
         shard.found[recipe.scene_id] = recipe
         if len(shard.found) == len(shard.ids):
-            write_shard(shard.path, [shard.found.pop(scene_id) for scene_id in shard.ids])
+            write_shard(shard.path, [shard.found.pop(scene_id) for scene_id in shard.ids], header)
         yield recipe
 
 

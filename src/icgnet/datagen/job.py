@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from icgnet.datagen.label_scene import LabelSettings, label_scene
-from icgnet.datagen.recipe import Recipe
+from icgnet.datagen.recipe import LabelHeader, Recipe
 from icgnet.errors import IcgnetError, InputError
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.classes import CLASSES
 from icgnet.objects.object_set import KINDS, SPLITS, Kind, ObjectSet, Split
 
 SceneChoice = Literal["packed", "pile", "both"]
@@ -74,6 +75,11 @@ class GenerateJob:
     config: GenerateConfig
     object_set: ObjectSet
     gripper: Gripper
+
+    @property
+    def header(self) -> LabelHeader:
+        """What the labels are about."""
+        return LabelHeader(self.gripper, CLASSES)
 
     def make(self, number: int) -> Recipe:
         """The labelled scene of this number.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from icgnet.datagen.job import GenerateJob
-from icgnet.datagen.recipe import FORMAT_VERSION, MANIFEST, read_manifest
+from icgnet.datagen.recipe import MANIFEST, LabelHeader, read_manifest
 from icgnet.datagen.usable_objects import first_of
 from icgnet.errors import DataError
 from icgnet.files import write_json
@@ -17,6 +17,8 @@ from icgnet.grasping.frame import APPROACH_ANGLES
 
 ONLY_TOLD = {"code_version", "object_counts", "left_out", "doubtful"}
 """What the manifest tells its readers, but what does not decide what the rows are, or follows from the rest."""
+
+COMPARED_APART = {"objects", "gripper", "classes"}
 
 
 def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, object]:
@@ -26,10 +28,10 @@ def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, ob
         job: the job; its object set has been relieved of what cannot be used.
         doubtful: objects that are used although something about them is odd, with what that is.
     """
-    config, gripper = job.config, job.gripper
+    config = job.config
     keys = {kind: job.object_set.names(kind, config.split) for kind in config.kinds}
     manifest = {
-        "format_version": FORMAT_VERSION,
+        **job.header.to_dict(),
         "code_version": _code_version(),
         "object_set": job.object_set.name,
         "object_counts": {kind: len(names) for kind, names in keys.items()},
@@ -38,7 +40,6 @@ def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, ob
         "seed": config.seed,
         "shard_scenes": config.shard_scenes,
         "angles_deg": np.rad2deg(APPROACH_ANGLES).round(6).tolist(),
-        "gripper": asdict(gripper) | {"T_grasp_base": gripper.T_grasp_base.tolist()},
         **asdict(config.labels),
         "left_out": dict(job.object_set.left_out),
         "doubtful": dict(doubtful),
@@ -67,9 +68,11 @@ def prepare_folder(directory: Path, manifest: Mapping[str, object]) -> None:
 
 
 def _differences(there: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
-    differences = [
+    path = Path(MANIFEST)
+    labels = LabelHeader.from_dict(now, path).differences(LabelHeader.from_dict(there, path))
+    differences = labels + [
         f"{key} is {there[key]} there, {now.get(key)} now" if key in there else f"{key} is not recorded there"
-        for key in sorted((there.keys() | now.keys()) - ONLY_TOLD - {"objects"})
+        for key in sorted((there.keys() | now.keys()) - ONLY_TOLD - COMPARED_APART)
         if there.get(key) != now.get(key)
     ]
     # With another set or split, all objects differ, which is no news.

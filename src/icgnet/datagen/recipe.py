@@ -7,22 +7,28 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
-from icgnet.errors import DataError
+from icgnet.errors import DataError, InputError
 from icgnet.files import new_file
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix
 from icgnet.grasping.frame import APPROACH_ANGLES
+from icgnet.grasping.gripper import Gripper
+from icgnet.objects.classes import check_class_list
 from icgnet.objects.object_set import Kind, Split
 from icgnet.simulation.scene import PlacedObject, Scene
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Since 2, folder and files name the hand and the classes of their labels."""
 ANGLES = len(APPROACH_ANGLES)
 MANIFEST = "manifest.json"
+METADATA_KEY = b"icgnet"
+"""Where the schema of a Parquet file holds its `LabelHeader`, as JSON."""
 
 _VECTOR = pa.list_(pa.float32(), 3)
 SCHEMA = pa.schema(
@@ -67,6 +73,53 @@ SCHEMA = pa.schema(
 
 
 @dataclass(frozen=True)
+class LabelHeader:
+    """What the labels of a folder, and of every file in it, are about.
+
+    Attributes:
+        gripper: the hand that grasped.
+        classes: names of all object classes, in the order of a network's outputs.
+    """
+
+    gripper: Gripper
+    classes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The header as plain values: entries of the manifest and of the metadata of Parquet files."""
+        return {
+            "format_version": FORMAT_VERSION,
+            "gripper": self.gripper.to_dict(),
+            "classes": list(self.classes),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Any, path: Path) -> "LabelHeader":
+        """The header among plain values that were read from a file.
+
+        Raises:
+            DataError: another format version, or a missing or broken hand or class list; the message names the file.
+        """
+        if not isinstance(values, dict) or "format_version" not in values:
+            raise DataError(f"{path}: broken, it does not say its format_version")
+        if values["format_version"] != FORMAT_VERSION:
+            raise DataError(
+                f"{path}: format version {str(values['format_version'])[:40]}, but this version of icgnet reads "
+                f"{FORMAT_VERSION}: make the scenes again with icgnet generate, in another folder"
+            )
+        try:
+            return cls(Gripper.from_dict(values.get("gripper")), check_class_list(values.get("classes")))
+        except InputError as error:
+            raise DataError(f"{path}: does not describe a gripper and classes: {error}") from error
+
+    def differences(self, other: "LabelHeader") -> list[str]:
+        """In what these labels are about something else than the others; grippers that are the same hand do not."""
+        hands = self.gripper.differences(other.gripper)
+        named = f"hand {self.gripper.name!r} instead of {other.gripper.name!r} ({', '.join(hands)})"
+        listed = f"classes {', '.join(self.classes)} instead of {', '.join(other.classes)}"
+        return [named] * bool(hands) + [listed] * (self.classes != other.classes)
+
+
+@dataclass(frozen=True, eq=False)
 class RecipeObject:
     """An object of a recipe: key and class in its set, scale, position [m] and wxyz quaternion in the world."""
 
@@ -77,7 +130,7 @@ class RecipeObject:
     quaternion: Float[np.ndarray, "4"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipeContacts:
     """Labelled contacts; bit i of a label belongs to approach angle i.
 
@@ -103,7 +156,7 @@ class RecipeContacts:
         return len(self.positions)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recipe:
     """One labelled scene. `seed` is that of the whole run; with `scene_id` it gives the scene's random stream."""
 
@@ -144,13 +197,19 @@ def unpack_bits(bits: UInt16[np.ndarray, "g"]) -> Bool[np.ndarray, "g a"]:
     return (bits[:, None] >> np.arange(ANGLES)) & 1 == 1
 
 
-def write_shard(path: Path, recipes: Sequence[Recipe]) -> None:
+def write_shard(path: Path, recipes: Sequence[Recipe], header: LabelHeader) -> None:
     """Writes recipes to a Parquet file that appears complete or not at all.
+
+    Args:
+        path: of the file.
+        recipes: its rows.
+        header: what the labels are about.
 
     Raises:
         DataError: the system cannot write it, for example because the disk is full.
     """
-    table = pa.Table.from_pylist([_to_row(recipe) for recipe in recipes], SCHEMA)
+    schema = SCHEMA.with_metadata({METADATA_KEY: json.dumps(header.to_dict())})
+    table = pa.Table.from_pylist([_to_row(recipe) for recipe in recipes], schema)
     with new_file(path) as file:
         pq.write_table(table, file, compression="zstd")
 
@@ -159,40 +218,52 @@ def read_recipes(directory: str | Path) -> list[Recipe]:
     """All recipes of a folder that `icgnet generate` wrote, in the order of their scene ids.
 
     Raises:
-        DataError: no such folder, no shards, a file that is truncated or has other columns, or another format version.
+        DataError: no such folder, no shards, a file that is truncated or has other columns, another format version, or
+            files whose labels are of another hand or other classes than the manifest says.
     """
     directory = Path(directory)
-    read_manifest(directory)
+    header = read_label_header(directory)
     shards = sorted(directory.glob("*.parquet"))
     if not shards:
         raise DataError(f"{directory}: no recipes (*.parquet) found")
-    return [recipe for shard in shards for recipe in read_shard(shard)]
+    return [recipe for shard in shards for recipe in read_shard(shard, header)]
+
+
+def read_label_header(directory: Path) -> LabelHeader:
+    """What the labels of a folder are about, from its manifest.
+
+    Raises:
+        DataError: see `read_manifest`.
+    """
+    return LabelHeader.from_dict(read_manifest(directory), directory / MANIFEST)
 
 
 def read_manifest(directory: Path) -> dict[str, object]:
     """The manifest of a recipe folder.
 
     Raises:
-        DataError: missing or broken manifest, or one of another format version.
+        DataError: missing or broken manifest, one of another format version, or without gripper and classes.
     """
     path = directory / MANIFEST
     try:
         manifest = json.loads(path.read_text())
-        version = manifest["format_version"]
     except FileNotFoundError as error:
         raise DataError(f"{directory}: not a recipe folder, it has no {MANIFEST}") from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"{path}: broken manifest: {error}") from error
-    if version != FORMAT_VERSION:
-        raise DataError(f"{path}: format version {version}, but this version of icgnet reads {FORMAT_VERSION}")
+    LabelHeader.from_dict(manifest, path)
     return manifest
 
 
-def read_shard(path: Path) -> list[Recipe]:
+def read_shard(path: Path, header: LabelHeader) -> list[Recipe]:
     """The recipes of one Parquet file.
 
+    Args:
+        path: of the file.
+        header: what its labels must be about.
+
     Raises:
-        DataError: the file is truncated or not Parquet, or has other columns.
+        DataError: the file is truncated or not Parquet, has other columns, or its labels are about something else.
     """
     try:
         table = pq.read_table(path)
@@ -202,7 +273,18 @@ def read_shard(path: Path) -> list[Recipe]:
         raise DataError(
             f"{path}: columns differ from recipe format {FORMAT_VERSION}: {_schema_difference(table.schema)}"
         )
+    differences = _file_header(table.schema, path).differences(header)
+    if differences:
+        raise DataError(f"{path}: its labels are not about what the folder's are: {'; '.join(differences)}")
     return _from_table(table)
+
+
+def _file_header(schema: pa.Schema, path: Path) -> LabelHeader:
+    try:
+        values = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{path}: its metadata are no JSON: {str(error)[:200]}") from error
+    return LabelHeader.from_dict(values, path)
 
 
 def count_scenes(path: Path) -> int:

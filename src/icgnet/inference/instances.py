@@ -13,7 +13,6 @@ from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.inputs import make_scene_input
 from icgnet.network.instances import select_instances
-from icgnet.objects.classes import CLASSES
 
 BATCH = 4
 """Windows that are encoded at once."""
@@ -32,12 +31,14 @@ class EncodedWindow:
         rows: points of the tabletop's cloud in it.
         point_to_voxel: voxel of each of them.
         embedding: the encoded scene, in the frame of the window.
+        classes: names of the classes that the network knows, in the order of its logits.
     """
 
     window: Window
     rows: Int[np.ndarray, "n"]
     point_to_voxel: Int[np.ndarray, "n"]
     embedding: SceneEmbedding
+    classes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -
     for start in range(0, len(prepared), BATCH):
         embeddings += network.encode([scene for scene, _ in prepared[start : start + BATCH]])
     return [
-        EncodedWindow(window, rows, point_to_voxel, embedding)
+        EncodedWindow(window, rows, point_to_voxel, embedding, network.config.classes)
         for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
     ]
 
@@ -104,10 +105,10 @@ def instances_of(view: EncodedWindow) -> list[Instance]:
     found = select_instances(output)
     instances = []
     for query, score, mask in zip(found.queries.tolist(), found.scores.tolist(), found.masks.numpy(), strict=True):
-        probabilities = torch.softmax(output.class_logits[query, : len(CLASSES)], dim=0)
+        probabilities = torch.softmax(output.class_logits[query, :-1], dim=0)
         class_id = int(probabilities.argmax())
         rows = view.rows[mask[view.point_to_voxel]]
-        instances.append(Instance(view, query, score, CLASSES[class_id], float(probabilities[class_id]), rows))
+        instances.append(Instance(view, query, score, view.classes[class_id], float(probabilities[class_id]), rows))
     return instances
 
 

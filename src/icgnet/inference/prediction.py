@@ -17,16 +17,15 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping import selection
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.grasps import Grasps
-from icgnet.grasping.gripper import Box, Gripper, load_gripper
-from icgnet.objects.classes import CLASSES, class_index
+from icgnet.grasping.gripper import Gripper
+from icgnet.objects.classes import check_class_list, class_index
 from icgnet.output_folder import output_folder
 
-FORMAT = "icgnet prediction 2"
+FORMAT = "icgnet prediction 3"
 RESULT_FILE = "result.json"
 GRASPS_FILE = "grasps.npz"
 CLOUD_FILE = "cloud.npz"
 MASK_FILE = "mask.png"
-GRIPPER_FILE = "gripper.yaml"
 PICTURE_FILE = "picture.png"
 MESH_FOLDER = "meshes"
 
@@ -41,7 +40,7 @@ class DetectedObject:
     Attributes:
         instance_id: number by which grasps and points refer to it.
         score: how sure the network is that this is one whole object, 0 to 1.
-        class_name: one of `icgnet.objects.classes.CLASSES`.
+        class_name: one of the classes that the weights know, see `Prediction.classes`.
         class_score: probability of that class, given that it is an object.
         points: the input points that belong to it [m].
         extract: makes the complete mesh; called at most once, by `mesh()`.
@@ -78,6 +77,7 @@ class Prediction:
         cloud_instances: instance id of every point of `cloud`, `NO_INSTANCE` for none.
         T_frame_table: pose of the table frame: z up, table plane at z = 0.05 m.
         gripper: the hand that the grasps are for.
+        classes: names of all classes that the weights know.
         input_rows: where each point of `cloud` stands in the flattened input.
         input_shape: shape of the input, (n,) for a cloud and (h, w) for a depth image.
     """
@@ -91,6 +91,7 @@ class Prediction:
     cloud_instances: Int[np.ndarray, "n"]
     T_frame_table: Float[np.ndarray, "4 4"]
     gripper: Gripper
+    classes: tuple[str, ...]
     input_rows: Int[np.ndarray, "n"]
     input_shape: tuple[int, ...]
 
@@ -124,9 +125,9 @@ class Prediction:
         """The same prediction with the grasps of the objects of one class only.
 
         Raises:
-            InputError: the class is not one of `CLASSES`.
+            InputError: the class is not one of `classes`.
         """
-        class_index(class_name)
+        class_index(class_name, self.classes)
         instance_classes = {item.instance_id: item.class_name for item in self.objects}
         return replace(self, grasps=selection.of_class(self.grasps, class_name, instance_classes))
 
@@ -160,8 +161,8 @@ class Prediction:
             "format": FORMAT,
             "frame_id": self.frame_id,
             "T_frame_table": self.T_frame_table.tolist(),
-            "gripper": self.gripper.name,
-            "classes": list(CLASSES),
+            "gripper": self.gripper.to_dict(),
+            "classes": list(self.classes),
             "objects": [_object_entry(item) for item in self.objects],
             "grasps": list(self._grasp_entries()),
             "rejected": self.rejected,
@@ -169,7 +170,7 @@ class Prediction:
         }
 
     def write(self, folder: Path) -> None:
-        """Writes result.json, grasps.npz, cloud.npz, gripper.yaml, meshes/ and, for a depth image, mask.png."""
+        """Writes result.json, grasps.npz, cloud.npz, meshes/ and, for a depth image, mask.png."""
         meshes = folder / MESH_FOLDER
         meshes.mkdir()
         for item in self.objects:
@@ -198,8 +199,6 @@ class Prediction:
         if len(self.input_shape) == 2:
             # 0 is no object, k + 1 the object k.
             Image.fromarray((self.instance_mask + 1).astype(np.uint16)).save(folder / MASK_FILE)
-        # JSON is YAML, too: the hand can be read back by `load_gripper`, whatever file it came from.
-        (folder / GRIPPER_FILE).write_text(json.dumps(_gripper_entries(self.gripper), indent=1) + "\n")
         (folder / RESULT_FILE).write_text(json.dumps(self.to_dict(), indent=1) + "\n")
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
@@ -246,22 +245,6 @@ def _object_entry(item: DetectedObject) -> dict[str, Any]:
         "upper": item.points.max(axis=0).tolist(),
         "mesh": _mesh_path(item),
     }
-
-
-def _gripper_entries(gripper: Gripper) -> dict[str, Any]:
-    numbers = ("max_opening", "finger_reach", "clearance", "finger_force", "friction")
-    return {
-        "name": gripper.name,
-        **{name: getattr(gripper, name) for name in numbers},
-        "base_offset": gripper.T_grasp_base[:3, 3].tolist(),
-        "palm": _box_entries(gripper.palm),
-        "finger": _box_entries(gripper.finger),
-    }
-
-
-def _box_entries(boxes: tuple[Box, ...]) -> list[dict[str, list[float]]]:
-    corners = [(np.array(box.centre), np.array(box.size) / 2) for box in boxes]
-    return [{"lower": (centre - half).tolist(), "upper": (centre + half).tolist()} for centre, half in corners]
 
 
 def load_prediction(path: str | Path) -> Prediction:
@@ -321,7 +304,8 @@ def _assemble(
         cloud=PointCloud(points, None if np.isnan(viewpoint).any() else viewpoint, result["frame_id"]),
         cloud_instances=instances,
         T_frame_table=np.array(result["T_frame_table"]),
-        gripper=load_gripper(folder / GRIPPER_FILE),
+        gripper=Gripper.from_dict(result["gripper"]),
+        classes=check_class_list(result["classes"]),
         input_rows=cloud_file["input_row"].astype(np.int64),
         input_shape=tuple(int(size) for size in cloud_file["input_shape"]),
     )

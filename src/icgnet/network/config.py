@@ -1,9 +1,38 @@
 """Sizes and choices of the network, and the named presets."""
 
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from icgnet.errors import InputError
+from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.objects.classes import CLASSES, check_class_list
+from icgnet.settings import check_choices, check_range, read_settings
+
+DENSE_PITCH = 0.010
+"""Cell size of the dense grid [m]."""
+DENSE_CELLS = 30
+"""Cells per axis of the dense grid: it covers the workspace exactly."""
+FRANKA = load_gripper("franka")
+LARGEST_OFFSET = 0.5
+MOST_OFFSETS = 100
+WIDEST_LAYER = 4096.0
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _check_items(settings: Any, name: str, least: float, most: float, longest: int = 16) -> None:
+    """Makes sure that a field of settings is a tuple of 1 to `longest` finite numbers in a range.
+
+    Raises:
+        InputError: it is not.
+    """
+    values = getattr(settings, name)
+    numbers = isinstance(values, tuple) and all(isinstance(value, int | float) for value in values)
+    if not numbers or not 0 < len(values) <= longest or not all(least <= value <= most for value in values):
+        raise InputError(f"{name} must be 1 to {longest} numbers from {least:g} to {most:g}, got {repr(values)[:80]}")
 
 
 @dataclass(frozen=True)
@@ -25,8 +54,11 @@ class HandConfig:
     """Channels that the finest dense map is projected to before it is read."""
     hidden: int = 128
     contact_width: int = 64
-    width_limit: float = 0.09
-    """Largest opening that the width head can name [m]: a little above the hand's, so that 80 mm is not its limit."""
+
+    def __post_init__(self) -> None:
+        for name in ("normal", "approach", "sideways", "rays"):
+            _check_items(self, name, -LARGEST_OFFSET, LARGEST_OFFSET, MOST_OFFSETS)
+        check_range(self, 1.0, "map_channels", "hidden", "contact_width", most=WIDEST_LAYER)
 
     @property
     def points(self) -> int:
@@ -39,12 +71,12 @@ class NetworkConfig:
     """Everything that determines the shape and the meaning of a network's weights."""
 
     name: str = "default"
+    gripper: Gripper = FRANKA
+    """The hand that grasps are scored for: that of the labels."""
+    classes: tuple[str, ...] = CLASSES
+    """Names of the classes, in the order of the class logits; one more logit, the last, is for no object."""
     voxel_size: float = 0.003
     """Pitch of the sparse voxels [m]."""
-    dense_pitch: float = 0.010
-    """Cell size of the dense grid [m]."""
-    dense_cells: int = 30
-    """Cells per axis of the dense grid: it covers [0, dense_cells * dense_pitch] exactly."""
     visibility: bool = True
     """Whether the dense part also sees which space is free and which is hidden (two more channels)."""
     point_inputs: bool = True
@@ -82,9 +114,6 @@ class NetworkConfig:
     """Whether a query starts from the features where it was seeded, or from learnt content alone (published)."""
     class_of_mask: bool = True
     """Whether the class is read from the mask's mean features and extent, too, or from the query alone (published)."""
-    classes: int = 7
-    """Real classes; the class head has one more logit, the last, for no object."""
-
     coarse_volume: int = 32
     """Channels in which the decoders also see the coarser dense maps at a point; 0 for the finest map alone
     (published)."""
@@ -97,10 +126,22 @@ class NetworkConfig:
     """Whether the queries of every refinement stage can be decoded (published), or only the final ones."""
     affordance: Literal["contact", "hand"] = "hand"
     """Affordance read at the contact, 12 logits at once (published), or at points of the hand, angle by angle."""
-    approach_angles: int = 12
     hand: HandConfig = HandConfig()
 
     def __post_init__(self) -> None:
+        check_choices(self)
+        check_class_list(self.classes)
+        check_range(self, 0.001, "voxel_size", most=0.05)
+        check_range(self, 0.0, "batch_norm_momentum", "attention_threshold", most=1.0)
+        check_range(self, 0.0, "fourier_scale", most=1000.0)
+        widths = ("stem_width", "query_width", "token_feed_forward", "feed_forward", "affordance_feed_forward")
+        check_range(self, 1.0, *widths, "decoder_width", most=WIDEST_LAYER)
+        check_range(self, 1.0, "queries", "heads", "neighbours", "affordance_rounds", "decoder_blocks", most=1000.0)
+        check_range(self, 0.0, "coarse_volume", most=WIDEST_LAYER)
+        for name in ("encoder_widths", "decoder_widths", "dense_widths"):
+            _check_items(self, name, 1.0, WIDEST_LAYER)
+        _check_items(self, "dilations", 1.0, 64.0)
+        _check_items(self, "tokens_per_level", 1.0, 1e9)
         levels = len(self.encoder_widths)
         if not len(self.decoder_widths) == len(self.dense_widths) == len(self.tokens_per_level) == levels == 4:
             raise InputError("the network has four levels: give four widths for encoder, decoder and dense part")
@@ -138,27 +179,59 @@ class NetworkConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """The configuration as plain values, for JSON."""
-        return asdict(self)
+        return asdict(self) | {"gripper": self.gripper.to_dict()}
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> "NetworkConfig":
+    def from_dict(cls, values: Any) -> "NetworkConfig":
         """The configuration that `to_dict` wrote.
 
         Raises:
-            InputError: for unknown or missing fields, or values that make no network.
+            InputError: for unknown or missing fields, values of the wrong type, or values that make no network.
         """
-        hand_values = values.get("hand")
-        if set(values) != {field.name for field in fields(cls)} or not isinstance(hand_values, dict):
-            unknown = sorted(set(values) ^ {field.name for field in fields(cls)})
-            raise InputError(f"not a network configuration: fields {unknown} are unknown or missing")
-        if set(hand_values) != {field.name for field in fields(HandConfig)}:
-            raise InputError("not a network configuration: the fields of 'hand' differ")
-        hand = HandConfig(**{key: _frozen(value) for key, value in hand_values.items()})
-        return cls(**{**{key: _frozen(value) for key, value in values.items()}, "hand": hand})
+        return read_settings(cls, values)
 
+    def differences(self, stored: "NetworkConfig") -> list[str]:
+        """In what a stored configuration differs from this one; grippers that are the same hand do not."""
+        wanted, found = self.to_dict(), stored.to_dict()
+        changes = [
+            f"{key} is {_shown(found[key])}, wanted {_shown(wanted[key])}"
+            for key in wanted
+            if key != "gripper" and wanted[key] != found[key]
+        ]
+        phrases = self.gripper.differences(stored.gripper)
+        hands = [f"its hand is {stored.gripper.name!r}, wanted {self.gripper.name!r} with {', '.join(phrases)}"]
+        return hands * bool(phrases) + changes
 
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    def check_hand(self, gripper: Gripper, whose: str) -> None:
+        """Makes sure that a hand is the one that the network knows; name and base link may differ.
+
+        Args:
+            gripper: the hand.
+            whose: what it belongs to, for the message: "the scenes in data/train".
+
+        Raises:
+            InputError: it is another one.
+        """
+        if not self.gripper.same_hand(gripper):
+            raise InputError(
+                f"{whose} have the hand {gripper.name!r}, but the weights know only {self.gripper.name!r} "
+                f"({gripper.name!r} has {', '.join(gripper.differences(self.gripper))})"
+            )
+
+    def check_classes(self, classes: Sequence[str], whose: str) -> None:
+        """Makes sure that classes are those of the network, in the same order.
+
+        Args:
+            classes: the names.
+            whose: what they belong to, for the message.
+
+        Raises:
+            InputError: they are others.
+        """
+        if tuple(classes) != self.classes:
+            raise InputError(
+                f"{whose} have the classes {', '.join(classes)}, but the weights know {', '.join(self.classes)}"
+            )
 
 
 NETWORKS = {

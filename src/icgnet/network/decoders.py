@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.network.config import NetworkConfig
 from icgnet.network.layers import ResidualBlock
 
@@ -66,7 +67,7 @@ class ContactDecoder(nn.Module):
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
-        self.quality = ConditionedDecoder(config, config.approach_angles)
+        self.quality = ConditionedDecoder(config, len(APPROACH_ANGLES))
         self.width = ConditionedDecoder(config, 1)
 
     def forward(self, features: Float[Tensor, "g f"], latent: Float[Tensor, "g c"]) -> Affordance:

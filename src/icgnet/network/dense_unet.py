@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from icgnet.network.batch_norm import GridBatchNorm
-from icgnet.network.config import NetworkConfig
+from icgnet.network.config import DENSE_PITCH, NetworkConfig
 from icgnet.network.dense_map import DenseMap
 
 
@@ -49,7 +49,6 @@ class DenseUNet(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         widths = config.dense_widths
-        self.pitch = config.dense_pitch
         inputs = (config.dense_channels, *widths[:-1])
         self.encoder = nn.ModuleList(
             _double_conv(source, max(target // 2, source), target)
@@ -75,7 +74,7 @@ class DenseUNet(nn.Module):
         strides = (4, 4, 2, 1)
         return tuple(
             tuple(
-                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), self.pitch * stride)
+                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), DENSE_PITCH * stride)
                 for output, stride in zip(outputs, strides, strict=True)
             )
             for scene in range(len(grid))

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.grasping.frame import SINGULAR_COSINE
+from icgnet.grasping.frame import APPROACH_ANGLES, SINGULAR_COSINE
 from icgnet.network.config import HandConfig, NetworkConfig
 from icgnet.network.decoders import Affordance
 from icgnet.network.dense_map import DenseMap
@@ -23,6 +23,8 @@ _CLEARANCE_UNIT = 0.02
 _POSITIVE_PRIOR = -2.0
 """Initial logit: about one grasp in eight succeeds."""
 _CONTEXT_LEVELS = (0, 1)
+WIDTH_MARGIN = 0.01
+"""The width head can name openings up to so much above the largest of the hand [m], so that this is not its limit."""
 
 
 def hand_frames(normals: Float[Tensor, "g 3"], angles: int) -> Float[Tensor, "g a 3 3"]:
@@ -63,6 +65,7 @@ class HandDecoder(nn.Module):
         super().__init__()
         self.config = config
         hand, query = config.hand, config.query_width
+        self.width_limit = config.gripper.max_opening + WIDTH_MARGIN
         self.input_channels = 2 if config.visibility else 1
         read = hand.map_channels + self.input_channels
         self.register_buffer("points", control_points(hand), persistent=False)
@@ -103,7 +106,7 @@ class HandDecoder(nn.Module):
         """
         contact = self.contact_features(features, queries, contacts, normals, embedding)
         readable = self.readable_map(embedding)
-        frames = hand_frames(normals, self.config.approach_angles)
+        frames = hand_frames(normals, len(APPROACH_ANGLES))
         points = contacts[:, None, None] + torch.einsum("gaij,kj->gaki", frames, self.points)
         reads = readable.trilinear(points.reshape(-1, 3)).view(*points.shape[:2], -1)
         pose = torch.stack([table_clearance(points), frames[..., 2, 2]], 2)
@@ -137,4 +140,4 @@ class HandDecoder(nn.Module):
         points = contacts[:, None] + offsets[:, None] * normals[:, None]
         reads = readable.trilinear(points.reshape(-1, 3)).view(len(contacts), -1)
         share = torch.sigmoid(self.width(torch.cat([contact, reads], 1))[:, 0])
-        return self.config.hand.width_limit * share
+        return self.width_limit * share

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from icgnet.errors import InputError
-from icgnet.network.config import NetworkConfig
+from icgnet.network.config import DENSE_CELLS, DENSE_PITCH, NetworkConfig
 from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, centred_on_queries
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.dense_unet import CoarseVolume, DenseUNet
@@ -74,7 +74,7 @@ class IcgNet(nn.Module):
             bounds=bounds,
             tokens=levels,
             dense_maps=self.coarse_volume(maps),
-            dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), self.config.dense_pitch),
+            dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), DENSE_PITCH),
             query_positions=query_positions,
             stages=stages,
         )
@@ -163,7 +163,7 @@ class IcgNet(nn.Module):
         return stage, output.affordance_queries
 
     def _check(self, inputs: list[SceneInput]) -> None:
-        size = self.config.dense_cells
+        size = DENSE_CELLS
         expected = (self.config.dense_channels, size, size, size)
         for number, scene in enumerate(inputs):
             if len(scene.voxels) == 0:

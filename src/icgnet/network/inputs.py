@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from icgnet.errors import InputError
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
-from icgnet.network.config import NetworkConfig
+from icgnet.network.config import DENSE_CELLS, DENSE_PITCH, NetworkConfig
 from icgnet.network.sparse_conv import VoxelLevel
 
 HEIGHT_UNIT = 0.1
@@ -85,9 +85,9 @@ def _unique_rows(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarray | None) -> np.ndarray:
-    size = config.dense_cells
+    size = DENSE_CELLS
     dense = np.zeros((config.dense_channels, size, size, size), np.float32)
-    cells = np.floor(points / config.dense_pitch).astype(np.int64)
+    cells = np.floor(points / DENSE_PITCH).astype(np.int64)
     inside = cells[((cells >= 0) & (cells < size)).all(1)]
     dense[0, inside[:, 0], inside[:, 1], inside[:, 2]] = 1.0
     if config.visibility and visibility is not None:
@@ -96,7 +96,7 @@ def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarra
         dense[1] = visibility
         dense[2] = 1.0
     if config.point_inputs:
-        dense[-3:] = _mean_offsets(points / config.dense_pitch, size)
+        dense[-3:] = _mean_offsets(points / DENSE_PITCH, size)
     return dense
 
 

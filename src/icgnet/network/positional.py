@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from icgnet.geometry.workspace import SIZE
 from icgnet.network.config import NetworkConfig
 
 
@@ -33,8 +34,7 @@ def scene_bounds(positions: Float[Tensor, "v 3"], config: NetworkConfig) -> Boun
     if config.position_scale == "cloud":
         origin = positions.amin(0)
         return Bounds(origin, (positions.amax(0) - origin).amax().clamp(min=config.voxel_size))
-    size = config.dense_cells * config.dense_pitch
-    return Bounds(positions.new_zeros(3), positions.new_tensor(size))
+    return Bounds(positions.new_zeros(3), positions.new_tensor(SIZE))
 
 
 class FourierEncoding(nn.Module):

@@ -132,7 +132,7 @@ class ClassHead(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         width = config.query_width
-        self.of_query = nn.Sequential(ResidualBlock(width, width), nn.Linear(width, config.classes + 1))
+        self.of_query = nn.Sequential(ResidualBlock(width, width), nn.Linear(width, len(config.classes) + 1))
         self.of_mask = None
         if config.class_of_mask:
             coarse, fine = token_widths(config)[: len(CLASS_LEVELS)], token_widths(config)[-1]
@@ -145,7 +145,7 @@ class ClassHead(nn.Module):
             )
             inputs = width + fine + EXTENTS + width * len(coarse) + 2 * width
             self.of_mask = nn.Sequential(nn.Linear(inputs, 2 * width), nn.ReLU(), nn.Linear(2 * width, 2 * width))
-            last = nn.Linear(2 * width, config.classes + 1)
+            last = nn.Linear(2 * width, len(config.classes) + 1)
             nn.init.zeros_(last.weight)
             nn.init.zeros_(last.bias)
             self.end = nn.Sequential(nn.ReLU(), last)

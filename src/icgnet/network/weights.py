@@ -1,7 +1,6 @@
 """Weights in one safetensors file that names its own configuration and is checked when read."""
 
 import hashlib
-import json
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from icgnet.errors import DataError, InputError
+from icgnet.errors import DataError
 from icgnet.files import new_file
 from icgnet.network.config import NetworkConfig
 from icgnet.network.icgnet import IcgNet
-
-FORMAT = "icgnet-weights-1"
+from icgnet.network.weights_header import WeightsHeader, read_header
 
 
 def save_weights(
@@ -26,7 +24,7 @@ def save_weights(
     half: bool = False,
     full: Collection[str] = (),
 ) -> None:
-    """Write a network's weights and configuration, atomically.
+    """Write a network's weights and its configuration, which names hand and classes, atomically.
 
     Args:
         path: file to write.
@@ -41,14 +39,9 @@ def save_weights(
         stored = tensor.detach().cpu().contiguous()
         shortened = half and name not in full and stored.is_floating_point() and stored.ndim > 1
         tensors[name] = stored.half() if shortened else stored
-    header = {
-        "format": FORMAT,
-        "config": json.dumps(network.config.to_dict(), sort_keys=True),
-        "metadata": json.dumps(metadata, sort_keys=True),
-        "sha256": _digest(tensors),
-    }
+    header = WeightsHeader(network.config, metadata, tensors_checksum(tensors))
     with new_file(path) as file:
-        file.write(save(tensors, header))
+        file.write(save(tensors, header.entries()))
 
 
 def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple[IcgNet, dict[str, Any]]:
@@ -62,41 +55,19 @@ def load_weights(path: Path | str, config: NetworkConfig | None = None) -> tuple
         DataError: for a missing, damaged or foreign file, or one of another configuration.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DataError(f"{path}: no such weights file")
+    header = read_header(path)
+    if config is not None:
+        header.check_config(config, path)
     try:
         with safe_open(path, framework="pt") as file:
-            header = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
     except (SafetensorError, OSError) as error:
         raise DataError(f"{path}: not a readable safetensors file ({error})") from error
-    if header.get("format") != FORMAT:
-        raise DataError(f"{path}: not icgnet weights (format {header.get('format')!r}, expected {FORMAT!r})")
-    if header.get("sha256") != _digest(tensors):
+    if header.sha256 != tensors_checksum(tensors):
         raise DataError(f"{path}: damaged, the checksum of the weights does not match")
-    try:
-        stored = NetworkConfig.from_dict(json.loads(header["config"]))
-        metadata = json.loads(header["metadata"])
-    except (KeyError, TypeError, json.JSONDecodeError, InputError) as error:
-        raise DataError(f"{path}: its configuration is not of this version of icgnet ({error})") from error
-    if config is not None and config != stored:
-        raise DataError(f"{path}: weights of another configuration: {_difference(config, stored)}")
-    network = IcgNet(stored)
+    network = IcgNet(header.config)
     _fill(network, tensors, path)
-    return network.eval(), metadata
-
-
-def stored_checksum(path: Path | str) -> str:
-    """SHA-256 of the weights as their file states it; `load_weights` checks that it is true.
-
-    Raises:
-        DataError: for a missing, damaged or foreign file.
-    """
-    try:
-        with safe_open(Path(path), framework="pt") as file:
-            return (file.metadata() or {})["sha256"]
-    except (SafetensorError, OSError, KeyError) as error:
-        raise DataError(f"{path}: not icgnet weights ({type(error).__name__} {error})") from error
+    return network.eval(), header.metadata
 
 
 def is_stored_in_half(path: Path | str) -> bool:
@@ -118,17 +89,17 @@ def _fill(network: IcgNet, tensors: dict[str, Tensor], path: Path) -> None:
     wrong += [name for name in set(tensors) & set(expected) if tensors[name].shape != expected[name].shape]
     if wrong:
         raise DataError(f"{path}: {len(wrong)} tensors are missing, unknown or of another shape, e.g. {wrong[0]}")
-    network.load_state_dict({name: tensor.to(expected[name].dtype) for name, tensor in tensors.items()})
+    converted = {name: tensor.to(expected[name].dtype) for name, tensor in tensors.items()}
+    broken = [name for name in sorted(converted) if not bool(torch.isfinite(converted[name]).all())]
+    if broken:
+        raise DataError(f"{path}: {len(broken)} tensors hold numbers that are not finite, e.g. {broken[0]}")
+    network.load_state_dict(converted)
 
 
-def _digest(tensors: dict[str, Tensor]) -> str:
+def tensors_checksum(tensors: dict[str, Tensor]) -> str:
+    """SHA-256 over names and contents of tensors on the CPU, in the order of their names."""
     digest = hashlib.sha256()
     for name in sorted(tensors):
         digest.update(name.encode())
         digest.update(tensors[name].contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()
-
-
-def _difference(wanted: NetworkConfig, stored: NetworkConfig) -> str:
-    ours, theirs = wanted.to_dict(), stored.to_dict()
-    return ", ".join(f"{key} is {theirs[key]}, wanted {ours[key]}" for key in ours if ours[key] != theirs[key])

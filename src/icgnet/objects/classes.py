@@ -1,29 +1,51 @@
-"""The seven object classes, and where the class of an object is written down."""
+"""The object classes, and where the class of an object is written down."""
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from icgnet.errors import DataError, InputError
 
 CLASSES = ("mug", "box", "can", "bottle", "cylindric", "ball", "other")
-"""Class names in the order of the network's outputs (the paper's labels, spelled out)."""
+"""Class names in the order of the outputs of networks that are trained from now on (the paper's labels, spelled out).
+
+A new class is one more name, and objects of it. Data and weights name the classes that they were made with.
+"""
+MOST_CLASSES = 1000
 
 DATA_DIR = Path(__file__).parent / "data"
 VGN_CLASSES = DATA_DIR / "vgn_classes.json"
 VGN_VAL = DATA_DIR / "vgn_val.txt"
 
 
-def class_index(name: str) -> int:
-    """Returns the network's index of a class name.
+def class_index(name: str, classes: Sequence[str] = CLASSES) -> int:
+    """The place of a class in a list of classes.
 
     Raises:
-        InputError: the name is not one of `CLASSES`.
+        InputError: the name is not one of them.
     """
-    if name not in CLASSES:
-        raise InputError(f"unknown object class {name!r}; the classes are {', '.join(CLASSES)}")
-    return CLASSES.index(name)
+    if name not in classes:
+        raise InputError(f"unknown object class {name!r}; the classes are {', '.join(classes)}")
+    return tuple(classes).index(name)
+
+
+def check_class_list(names: object) -> tuple[str, ...]:
+    """The names of classes that a file lists, in their order.
+
+    Raises:
+        InputError: not a list of different words.
+    """
+    if not isinstance(names, list | tuple) or not 0 < len(names) <= MOST_CLASSES:
+        raise InputError(f"classes must be a list of 1 to {MOST_CLASSES} names, got {str(names)[:80]}")
+    for name in names:
+        # They become parts of the names of files.
+        if not isinstance(name, str) or not re.fullmatch(r"\w{1,40}", name):
+            raise InputError(f"a class must have a name of 1 to 40 letters, digits and _, got {repr(name)[:80]}")
+    if len(set(names)) < len(names):
+        raise InputError(f"classes must have different names, got {', '.join(names)[:200]}")
+    return tuple(names)
 
 
 def read_classes(path: Path) -> dict[str, str]:

@@ -9,7 +9,6 @@ from trimesh.transformations import scale_and_translate
 
 from icgnet.objects import containers, sundries, toys
 from icgnet.objects.base import KINDS, Kind, ObjectSet, Split, check_kind_and_split, unknown_object
-from icgnet.objects.classes import CLASSES, class_index
 from icgnet.objects.fingerprint import hash_texts
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.solids import Solid
@@ -153,19 +152,23 @@ def fit_to_gripper(solid: Solid, kind: Kind, rng: np.random.Generator) -> Solid:
 
 def _draw_family(class_name: str, number: int) -> tuple[Family, np.random.Generator]:
     """Returns the family of a shape, and the generator with which it goes on."""
-    rng = np.random.default_rng([SEED, class_index(class_name), number])
+    rng = np.random.default_rng([SEED, _seed_of(class_name), number])
     families = FAMILIES[class_name]
     weights = np.array([family.weight for family in families])
     return families[rng.choice(len(families), p=weights / weights.sum())], rng
+
+
+def _seed_of(class_name: str) -> int:
+    """What the draws of a class begin with: its place among the classes that have shapes here."""
+    return list(COUNTS).index(class_name)
 
 
 @cache
 def _splits() -> dict[str, Split]:
     """Returns the split of every key, keys sorted."""
     splits: dict[str, Split] = {}
-    for class_name in CLASSES:
-        count = COUNTS[class_name]
-        order = np.random.default_rng([SEED, class_index(class_name)]).permutation(count)
+    for class_name, count in COUNTS.items():
+        order = np.random.default_rng([SEED, _seed_of(class_name)]).permutation(count)
         for number in range(count):
             split: Split = "test" if order[number] < count // 10 else "val" if order[number] < count // 5 else "train"
             for kind in KINDS:

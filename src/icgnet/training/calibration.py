@@ -21,13 +21,14 @@ from icgnet.errors import DataError, InputError
 from icgnet.network.hand_decoder import HandDecoder
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.threads import set_threads
-from icgnet.network.weights import is_stored_in_half, load_weights, save_weights, stored_checksum
+from icgnet.network.weights import is_stored_in_half, load_weights, save_weights
+from icgnet.network.weights_header import stored_checksum
 from icgnet.training.config import TRAININGS
 from icgnet.training.matching import MatchingCosts
 from icgnet.training.metrics import queries_of_instances
 from icgnet.training.reliability import Reliability, reliability
 from icgnet.training.sample import Sample
-from icgnet.training.validation import load_object_sets, recipes_of_split, validation_samples
+from icgnet.training.validation import known_recipes, load_object_sets, validation_samples
 
 GOOD_SCORE = 0.5
 METADATA_KEY = "calibration"
@@ -134,7 +135,8 @@ def calibrate_weights(
         report: gets a line of text now and then.
 
     Raises:
-        InputError: fewer than two scenes wanted, a number of threads below 1, or a folder in the place of `out`.
+        InputError: fewer than two scenes wanted, a number of threads below 1, a folder in the place of `out`, or scenes
+            of a hand or of classes that the weights do not know.
         DataError: unusable weights, no or too few validation scenes, a missing object set, or scores that nothing can
             be learnt from (see `fit_calibration`).
     """
@@ -147,11 +149,11 @@ def calibrate_weights(
     earlier = _earlier(metadata)
     if earlier is not None:
         report(f"{weights} was calibrated before ({_describe(earlier)}); this calibration comes on top")
-    recipes = recipes_of_split(data, "val")
+    recipes = known_recipes(network.config, data, "val")
     wanted = min(scenes or len(recipes), len(recipes))
     report(f"rendering {wanted} of {len(recipes)} validation scenes")
     preset, object_sets = TRAININGS["cpu"], load_object_sets(objects)
-    samples = validation_samples(network.config.name, preset.sampling, wanted, recipes, object_sets)
+    samples = validation_samples(network.config, preset.sampling, wanted, recipes, object_sets)
     report("decoding all contacts")
     result = calibrate(decode_scenes(network, samples, preset.matching))
     names = fold(network, result.calibration)

@@ -10,13 +10,16 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import nn
 
-from icgnet.errors import DataError
+from icgnet.errors import DataError, InputError
 from icgnet.files import new_file
+from icgnet.network.config import NetworkConfig
+from icgnet.network.icgnet import IcgNet
 
 Network = TypeVar("Network", bound=nn.Module)
 
 CHECKPOINT_FILE = "checkpoint.pt"
-FORMAT = 1
+FORMAT = 2
+"""Since 2, a checkpoint names its network's configuration, and with it hand and classes."""
 
 
 @dataclass
@@ -62,7 +65,7 @@ class WeightAverage(Generic[Network]):
 def save_checkpoint(
     path: Path,
     progress: Progress,
-    network: nn.Module,
+    network: IcgNet,
     average: WeightAverage,
     optimizer: torch.optim.Optimizer,
 ) -> None:
@@ -70,6 +73,7 @@ def save_checkpoint(
     content = {
         "format": FORMAT,
         "progress": asdict(progress),
+        "config": network.config.to_dict(),
         "network": network.state_dict(),
         "average": average.network.state_dict(),
         "optimizer": optimizer.state_dict(),
@@ -97,11 +101,21 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 def restore(
     content: dict[str, Any],
-    network: nn.Module,
+    network: IcgNet,
     average: WeightAverage,
     optimizer: torch.optim.Optimizer,
 ) -> Progress:
-    """Puts network, average and optimiser back into the state of a checkpoint, and returns where the run stood."""
+    """Puts network, average and optimiser back into the state of a checkpoint, and returns where the run stood.
+
+    Raises:
+        DataError: the checkpoint is of another network, hand or classes.
+    """
+    try:
+        differences = network.config.differences(NetworkConfig.from_dict(content["config"]))
+    except InputError as error:
+        raise DataError(f"the checkpoint is not of this version of icgnet ({error})") from error
+    if differences:
+        raise DataError(f"the checkpoint is of another network: {', '.join(differences)}")
     network.load_state_dict(content["network"])
     average.network.load_state_dict(content["average"])
     optimizer.load_state_dict(content["optimizer"])

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from icgnet.errors import DataError, InputError
 from icgnet.files import write_json
-from icgnet.network.config import NETWORKS
+from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.sensors.noise import NOISES, SensorNoise, exactly, up_to
 from icgnet.training.losses import PUBLISHED, LossWeights
 from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
@@ -260,12 +260,14 @@ def write_or_compare(out: Path, content: dict[str, Any]) -> list[str]:
     return list(changes.values())
 
 
-def training_record(config: TrainingConfig, processes: int, data: dict[str, Any]) -> dict[str, Any]:
-    """The configuration and its data as plain values, for `config.json`."""
+def training_record(
+    config: TrainingConfig, network: NetworkConfig, processes: int, data: dict[str, Any]
+) -> dict[str, Any]:
+    """The configuration, that of the network and the data as plain values, for `config.json`."""
     return {
         "training": asdict(config),
         "scenes_per_step": config.batch * processes,
-        "network": NETWORKS[config.network].to_dict(),
+        "network": network.to_dict(),
         "data": data,
     }
 

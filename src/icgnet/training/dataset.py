@@ -5,8 +5,9 @@ interruptions give the same training.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -14,12 +15,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import KDTree
 from torch.utils.data import Dataset, Sampler
 
-from icgnet.datagen.recipe import Recipe
+from icgnet.datagen.recipe import LabelHeader, Recipe, read_label_header, read_recipes
 from icgnet.errors import DataError
 from icgnet.geometry.transforms import transform_points, transform_vectors, yaw_about
 from icgnet.geometry.visibility import visibility_grid
 from icgnet.geometry.workspace import CENTRE, contains
-from icgnet.network.config import NetworkConfig
+from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.network.inputs import make_scene_input
 from icgnet.objects.object_set import ObjectSet
 from icgnet.training.config import Sampling
@@ -36,6 +37,27 @@ MOST_EMPTY = 100
 SEEN_DISTANCE = 0.004
 
 
+def gather_recipes(folders: Sequence[Path]) -> tuple[list[Recipe], LabelHeader]:
+    """All recipes of some folders, and what the labels of all of them are about.
+
+    Raises:
+        DataError: a folder is not readable, or its labels are of another hand or other classes than those of the first.
+    """
+    if not folders:
+        raise DataError("no folders of recipes are given")
+    headers = [read_label_header(Path(folder)) for folder in folders]
+    for folder, header in zip(folders, headers, strict=True):
+        differences = header.differences(headers[0])
+        if differences:
+            raise DataError(f"{folder} cannot be mixed with {folders[0]}: it has {'; '.join(differences)}")
+    return [recipe for folder in folders for recipe in read_recipes(folder)], headers[0]
+
+
+def network_for(preset: str, header: LabelHeader) -> NetworkConfig:
+    """A preset for the hand and the classes of some labels."""
+    return replace(NETWORKS[preset], gripper=header.gripper, classes=header.classes)
+
+
 class RecipeDataset(Dataset):
     """Samples by number of the visit; in each epoch every recipe comes once, in another order."""
 
@@ -50,12 +72,19 @@ class RecipeDataset(Dataset):
         """Loads all objects that the recipes name.
 
         Raises:
-            DataError: a recipe names an object set that is not given, or an object that is not in it.
+            DataError: a recipe names an object set that is not given, an object that is not in it, or one of a class
+                that the network does not know.
         """
         if not recipes:
             raise DataError("no recipes to train on")
         self.recipes, self.sampling, self.network, self.seed = list(recipes), sampling, network, seed
         self.assets = load_assets(recipes, object_sets)
+        for (set_name, name), assets in self.assets.items():
+            if assets.class_name not in network.classes:
+                raise DataError(
+                    f"object {name!r} of {set_name!r} has the class {assets.class_name!r}; the labels are of the "
+                    f"classes {', '.join(network.classes)}"
+                )
 
     def __len__(self) -> int:
         return len(self.recipes)
@@ -116,7 +145,7 @@ class RecipeDataset(Dataset):
         return Sample(
             input=scene_input,
             voxel_instances=torch.from_numpy(voxel_instances),
-            classes=torch.tensor([each.assets.class_index for each in instances]),
+            classes=torch.tensor([self.network.classes.index(each.assets.class_name) for each in instances]),
             occupancy_points=_tensor(work_points),
             occupancy=torch.from_numpy(distances < 0),
             occupancy_asked=torch.from_numpy(nearest_and_another(distances, rng)),
@@ -155,7 +184,7 @@ class VisitBatches(Sampler[list[int]]):
             first += self.batch * self.devices
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DrawnContacts:
     """Contacts of one visit in the workspace frame [m]."""
 

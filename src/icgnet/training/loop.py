@@ -14,13 +14,13 @@ from lightning_fabric import Fabric
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from icgnet.datagen.recipe import Recipe, read_recipes
+from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError, TrainingDivergedError
 from icgnet.files import cut_unfinished_line
 from icgnet.network.batch_norm import synchronise_statistics
-from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import load_weights, save_weights, stored_checksum
+from icgnet.network.weights import load_weights, save_weights
+from icgnet.network.weights_header import read_header
 from icgnet.training.checkpoint import (
     CHECKPOINT_FILE,
     Progress,
@@ -30,7 +30,7 @@ from icgnet.training.checkpoint import (
     save_checkpoint,
 )
 from icgnet.training.config import TrainingConfig, training_record, write_or_compare
-from icgnet.training.dataset import RecipeDataset, VisitBatches
+from icgnet.training.dataset import RecipeDataset, VisitBatches, gather_recipes, network_for
 from icgnet.training.log import Clock, TrainingLog
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
@@ -79,31 +79,39 @@ def train(
 
     Raises:
         InputError: fewer GPUs than processes.
-        DataError: no training recipes, a missing object set, a damaged checkpoint, weights that are damaged or of
-            another network, a run with other settings, or other scenes or settings than the first process has.
+        DataError: no training recipes, folders whose labels are of unlike hands or classes, a missing object set, a
+            damaged checkpoint, weights that are damaged or of another network, hand or classes, a run with other
+            settings, or other scenes or settings than the first process has.
         TrainingDivergedError: gradients stay infinite or NaN.
     """
-    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder))]
+    recipes, header = gather_recipes(data)
+    network = network_for(config.network, header)
     by_split = {split: [recipe for recipe in recipes if recipe.split == split] for split in ("train", "val")}
     if not by_split["train"]:
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
     fabric, out = join_processes(accelerator), Path(out)
-    check_same(fabric, to_agree_on(config, recipes) | {"leg_steps": leg_steps})
+    check_same(fabric, to_agree_on(config, recipes) | {"leg_steps": leg_steps, "labels": header.to_dict()})
     if not fabric.is_global_zero:
         report = _silence
     else:
         counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
-        begins_with = None if start is None else stored_checksum(start)
+        begins_with = None
+        if start is not None:
+            first = read_header(start)
+            first.check_config(network, start)
+            begins_with = first.sha256
         folders = sorted(str(folder) for folder in data)
-        record = training_record(config, fabric.world_size, {"folders": folders, **counts, "start": begins_with})
+        record = training_record(
+            config, network, fabric.world_size, {"folders": folders, **counts, "start": begins_with}
+        )
         for change in write_or_compare(out, record):
             report(f"going on with another setting: {change}")
     torch.set_num_threads(config.threads)
     report(f"loading the objects of {len(recipes)} scenes")
     object_sets = load_object_sets(objects)
-    dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, NETWORKS[config.network], config.seed)
+    dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, network, config.seed)
     to_validate = by_split["val"] if fabric.is_global_zero else []
-    validation = validation_samples(config.network, config.sampling, config.validation_scenes, to_validate, object_sets)
+    validation = validation_samples(network, config.sampling, config.validation_scenes, to_validate, object_sets)
     return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
 
 
@@ -144,9 +152,9 @@ class Trainer:
         """`validation` is empty in all processes but the first."""
         self.config, self.dataset, self.out, self.report, self.fabric = config, dataset, out, report, fabric
         torch.manual_seed(config.seed)
-        self.network = IcgNet(NETWORKS[config.network])
+        self.network = IcgNet(dataset.network)
         if start is not None:
-            self.network.load_state_dict(load_weights(start, NETWORKS[config.network])[0].state_dict())
+            self.network.load_state_dict(load_weights(start, dataset.network)[0].state_dict())
         # The optimiser puts its state where the weights are when a checkpoint is restored.
         self.network.to(fabric.device)
         if fabric.world_size > 1 and config.common_statistics:

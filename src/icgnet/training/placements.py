@@ -11,7 +11,6 @@ from icgnet.errors import DataError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import SIZE
-from icgnet.objects.classes import class_index
 from icgnet.objects.object_set import ObjectSet
 from icgnet.training.config import Sampling
 
@@ -29,10 +28,10 @@ class ObjectAssets:
     triangles: Float[np.ndarray, "t 3 3"]
     surface: Float[np.ndarray, "s 3"]
     distance: SignedDistanceGrid
-    class_index: int
+    class_name: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placement:
     """An object of a scene and the map from its own frame at scale 1 to the world."""
 
@@ -76,7 +75,7 @@ def _load_object(object_set: ObjectSet, key: str) -> ObjectAssets:
         np.asarray(mesh.triangles, np.float32),
         surface.astype(np.float32),
         object_set.signed_distance(key),
-        class_index(object_set.class_name(key)),
+        object_set.class_name(key),
     )
 
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.datagen.recipe import Recipe, read_recipes
+from icgnet.datagen.recipe import LabelHeader, Recipe
 from icgnet.errors import DataError
-from icgnet.network.config import NETWORKS
+from icgnet.network.config import NetworkConfig
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.config import TRAININGS, Sampling
-from icgnet.training.dataset import RecipeDataset
+from icgnet.training.dataset import RecipeDataset, gather_recipes
 from icgnet.training.metrics import GraspTally, count_scenes, summarise
 from icgnet.training.sample import Sample
 
@@ -25,25 +25,44 @@ def load_object_sets(sources: Sequence[str | Path]) -> dict[str, ObjectSet]:
     return {each.name: each for each in object_sets}
 
 
-def recipes_of_split(data: Sequence[Path], split: str) -> list[Recipe]:
-    """All recipes of a split in the folders.
+def recipes_of_split(data: Sequence[Path], split: str) -> tuple[list[Recipe], LabelHeader]:
+    """All recipes of a split in the folders, and what their labels are about.
 
     Raises:
-        DataError: there are none, or a folder is not readable.
+        DataError: there are none, a folder is not readable, or the folders are of unlike hands or classes.
     """
-    recipes = [recipe for folder in data for recipe in read_recipes(Path(folder)) if recipe.split == split]
+    everything, header = gather_recipes(data)
+    recipes = [recipe for recipe in everything if recipe.split == split]
     if not recipes:
         raise DataError(f"no recipes of split {split!r} in {', '.join(map(str, data))}")
+    return recipes, header
+
+
+def known_recipes(network: NetworkConfig, data: Sequence[Path], split: str) -> list[Recipe]:
+    """All recipes of a split in the folders, labelled with the hand and the classes that a network knows.
+
+    Raises:
+        InputError: the labels are of another hand or other classes.
+        DataError: see `recipes_of_split`.
+    """
+    recipes, header = recipes_of_split(data, split)
+    whose = f"the scenes in {', '.join(map(str, data))}"
+    network.check_hand(header.gripper, whose)
+    network.check_classes(header.classes, whose)
     return recipes
 
 
 def validation_samples(
-    network: str, sampling: Sampling, scenes: int, recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]
+    network: NetworkConfig,
+    sampling: Sampling,
+    scenes: int,
+    recipes: Sequence[Recipe],
+    object_sets: dict[str, ObjectSet],
 ) -> list[Sample]:
     """Samples with fixed cameras, the same at every validation; none when there are no recipes.
 
     Args:
-        network: name of the network preset that the samples are for.
+        network: configuration of the network that the samples are for.
         sampling: of the training; augmentation is switched off.
         scenes: at most so many recipes are used, drawn once and for all.
         recipes: of scenes that are not trained on; those that show nothing are left out.
@@ -52,7 +71,7 @@ def validation_samples(
     chosen = draw_scenes(recipes, scenes)
     if not chosen:
         return []
-    dataset = RecipeDataset(chosen, object_sets, sampling.for_validation(), NETWORKS[network], VALIDATION_SEED)
+    dataset = RecipeDataset(chosen, object_sets, sampling.for_validation(), network, VALIDATION_SEED)
     samples = [dataset.look(visit) for visit in range(len(chosen))]
     return [sample for sample in samples if sample is not None]
 
@@ -80,18 +99,18 @@ def evaluate_weights(
         threads: CPU threads, for the whole process; as many as torch takes if None.
 
     Raises:
-        InputError: a number of threads below 1.
+        InputError: a number of threads below 1, or scenes of a hand or of classes that the weights do not know.
         DataError: unusable weights, no such recipes, or a missing object set.
     """
     set_threads(threads)
     network, _ = load_weights(weights)
-    recipes = recipes_of_split(data, split)
+    recipes = known_recipes(network.config, data, split)
     object_sets = load_object_sets(objects)
     cpu = TRAININGS["cpu"]
     kinds = sorted({recipe.kind for recipe in recipes})
     groups = {kind: [recipe for recipe in recipes if recipe.kind == kind] for kind in kinds}
     samples = {
-        kind: validation_samples(network.config.name, cpu.sampling, len(group), group, object_sets)
+        kind: validation_samples(network.config, cpu.sampling, len(group), group, object_sets)
         for kind, group in groups.items()
     }
     tallies = {kind: count_scenes(network, each, cpu.matching) for kind, each in samples.items()}
