@@ -4,9 +4,10 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
+import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
 
@@ -26,11 +27,14 @@ from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.inference.shapes import Shape
 from icgnet.inference.tabletop import Tabletop, find_tabletop
 from icgnet.inference.windows import cover
+from icgnet.network.config import Precision
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
+from icgnet.network.precision import check_device, use_bfloat16
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
 from icgnet.network.weights_header import DEFAULT_WEIGHTS
+from icgnet.settings import check_choice
 
 
 class Predictor:
@@ -42,9 +46,12 @@ class Predictor:
             is the network's own.
         search: how grasps are looked for.
         seed: of everything that is drawn; the same input then gives the same result.
+        precision: in how many bits the U-Nets compute. The default gives the same results on every processor; auto
+            takes bfloat16 where the processor or card has instructions for it.
+        device: what the network computes on, such as "cpu" or "cuda".
 
     Raises:
-        InputError: a hand that the network does not know.
+        InputError: a hand that the network does not know, another precision, or a device that is not there.
     """
 
     def __init__(
@@ -53,8 +60,11 @@ class Predictor:
         gripper: Gripper | None = None,
         search: GraspSearch = DEFAULT_SEARCH,
         seed: int = 0,
+        precision: str = "float32",
+        device: str | torch.device = "cpu",
     ) -> None:
-        self.network = network.eval()
+        self.network = network.eval().to(check_device(device))
+        self.precision: Precision = check_choice("precision", precision, get_args(Precision))
         self.gripper = network.config.gripper if gripper is None else gripper
         network.config.check_hand(self.gripper, "the grasps that are asked for")
         self.search = search
@@ -67,6 +77,8 @@ class Predictor:
         gripper: str | Path | None = None,
         seed: int = 0,
         search: GraspSearch = DEFAULT_SEARCH,
+        precision: str = "float32",
+        device: str | torch.device = "cpu",
     ) -> "Predictor":
         """The predictor with the shipped weights or those of a file.
 
@@ -77,17 +89,24 @@ class Predictor:
                 perhaps mounted otherwise. None is the weights' own.
             seed: of everything that is drawn.
             search: how grasps are looked for.
+            precision: see `Predictor`.
+            device: see `Predictor`.
 
         Raises:
             DataError: the weights or the gripper cannot be used.
-            InputError: a number of threads below 1, or a hand that the weights do not know.
+            InputError: a number of threads below 1, a hand that the weights do not know, or no such device.
         """
         set_threads(threads)
         if weights is None and not DEFAULT_WEIGHTS.is_file():
             raise DataError(f"this installation has no weights ({DEFAULT_WEIGHTS} is missing): give a weights file")
         hand = None if gripper is None else load_gripper(gripper)
         network, _ = load_weights(DEFAULT_WEIGHTS if weights is None else weights)
-        return Predictor(network, hand, search, seed)
+        return Predictor(network, hand, search, seed, precision, device)
+
+    @property
+    def in_bfloat16(self) -> bool:
+        """Whether the U-Nets compute in 16 bits here."""
+        return use_bfloat16(self.precision, self.network.device)
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -186,7 +205,7 @@ class Predictor:
         windows = cover(points[tabletop.standing], fewest=FEWEST_VOXELS)
         clock.lap("input")
 
-        views = encode_windows(self.network, tabletop, windows)
+        views = encode_windows(self.network, tabletop, windows, self.in_bfloat16)
         instances = find_instances(views, points)
         shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
         parts = np.arange(len(instances))
@@ -236,7 +255,8 @@ class Predictor:
 
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""
-        return Predictor(self.network, self.gripper, replace(self.search, **changes), self.seed)
+        search = replace(self.search, **changes)
+        return Predictor(self.network, self.gripper, search, self.seed, self.precision, self.network.device)
 
 
 class _Clock:

@@ -115,3 +115,14 @@ def _choices(hint: Any) -> tuple[Any, ...]:
         if len(parts) == 1 and (valid := _choices(parts[0])):
             return (*valid, None)
     return ()
+
+
+def check_choice(name: str, value: Any, valid: tuple[Any, ...]) -> Any:
+    """Returns the value if it is one of the valid ones.
+
+    Raises:
+        InputError: it is not; the message names it and the valid ones.
+    """
+    if value not in valid:
+        raise InputError(f"{name} must be one of {', '.join(map(str, valid))}, got {value!r}")
+    return value

@@ -58,14 +58,14 @@ class Speed:
             return
         console = Console()
         console.print(_table(speed, f"a training step of preset '{self.preset}', network '{config.network}'"))
-        console.print(_speed_lines(speed, config.bfloat16), soft_wrap=True)
+        console.print(_speed_lines(speed, config.precision), soft_wrap=True)
         console.print(_flops_lines(speed.flops, speed.step_ms), soft_wrap=True)
         settings = {
             "data": [str(folder) for folder in self.data],
             "objects": list(self.objects),
             "preset": self.preset,
             "network": config.network,
-            "bfloat16": config.bfloat16,
+            "precision": config.precision,
             "common_statistics": config.common_statistics,
             "seed": self.seed,
         }
@@ -97,8 +97,8 @@ def _cells(times: "Times") -> tuple[str, str]:
     return f"{times.median:.1f}", f"{times.p10:.1f} to {times.p90:.1f}"
 
 
-def _speed_lines(speed: "TrainingSpeed", bfloat16: bool) -> str:
-    loader, bits = speed.loader, "U-Nets in bfloat16" if bfloat16 else "float32"
+def _speed_lines(speed: "TrainingSpeed", precision: str) -> str:
+    loader, bits = speed.loader, f"precision {precision}"
     processes = f" in each of {speed.processes} processes" if speed.processes > 1 else ""
     return (
         f"{speed.scenes_per_second:.2f} scenes a second over {speed.steps} steps of {speed.batch}{processes}; {bits}; "

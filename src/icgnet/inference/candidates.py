@@ -135,12 +135,12 @@ def score_contacts(
         for part in np.array_split(index, -(-len(index) // CONTACTS_AT_ONCE)) if len(index) else ():
             affordance = network.decode_affordance(
                 view.embedding,
-                torch.from_numpy(queries[part]),
-                _tensor(view.window.to_window(contacts.points[part])),
-                _tensor(contacts.normals[part]),
+                torch.from_numpy(queries[part]).to(network.device),
+                _tensor(view.window.to_window(contacts.points[part])).to(network.device),
+                _tensor(contacts.normals[part]).to(network.device),
             )
-            probabilities[part] = torch.sigmoid(affordance.logits).numpy()
-            widths[part] = affordance.widths.numpy()
+            probabilities[part] = torch.sigmoid(affordance.logits).cpu().numpy()
+            widths[part] = affordance.widths.cpu().numpy()
     if search.width_from == "shape":
         widths = _shape_widths(shapes, contacts, widths, gripper)
     return _believed(probabilities, np.maximum(widths, 0.0), contacts, gripper, search)

@@ -63,8 +63,10 @@ class Instance:
 
 
 @torch.no_grad()
-def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -> list[EncodedWindow]:
-    """Embeddings of all windows that hold points."""
+def encode_windows(
+    network: IcgNet, tabletop: Tabletop, windows: list[Window], bfloat16: bool = False
+) -> list[EncodedWindow]:
+    """Embeddings of all windows that hold points; `bfloat16` computes the U-Nets in 16 bits."""
     standing = tabletop.cloud.points[tabletop.standing]
     inside = [tabletop.standing[window.inside(standing)] for window in windows]
     filled = [(window, rows) for window, rows in zip(windows, inside, strict=True) if len(rows)]
@@ -78,7 +80,9 @@ def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -
         prepared.append(make_scene_input(points, network.config, visibility, eye))
     embeddings = []
     for start in range(0, len(prepared), BATCH):
-        embeddings += network.encode([scene for scene, _ in prepared[start : start + BATCH]])
+        scenes = [scene.to(network.device) for scene, _ in prepared[start : start + BATCH]]
+        with torch.autocast(network.device.type, torch.bfloat16, enabled=bfloat16):
+            embeddings += network.encode(scenes)
     return [
         EncodedWindow(window, rows, point_to_voxel, embedding, network.config.classes)
         for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
@@ -104,7 +108,9 @@ def instances_of(view: EncodedWindow) -> list[Instance]:
     output = view.embedding.stages[-1]
     found = select_instances(output)
     instances = []
-    for query, score, mask in zip(found.queries.tolist(), found.scores.tolist(), found.masks.numpy(), strict=True):
+    for query, score, mask in zip(
+        found.queries.tolist(), found.scores.tolist(), found.masks.cpu().numpy(), strict=True
+    ):
         probabilities = torch.softmax(output.class_logits[query, :-1], dim=0)
         class_id = int(probabilities.argmax())
         rows = view.rows[mask[view.point_to_voxel]]

@@ -146,8 +146,9 @@ class Shape:
     def _decode(self, points: torch.Tensor) -> torch.Tensor:
         if len(points) == 0:
             return points.new_zeros(0)
-        query = torch.tensor([self.instance.query])
-        return self.network.decode_occupancy(self.instance.view.embedding, query, points)[0]
+        device = self.network.device
+        query = torch.tensor([self.instance.query], device=device)
+        return self.network.decode_occupancy(self.instance.view.embedding, query, points.to(device))[0].cpu()
 
 
 def scene_occupancy(shapes: Sequence[Shape], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:

@@ -9,6 +9,9 @@ from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.classes import CLASSES, check_class_list
 from icgnet.settings import check_choices, check_range, read_settings
 
+Precision = Literal["auto", "float32", "bfloat16"]
+"""In how many bits the U-Nets compute; auto is bfloat16 where the processor or card has instructions for it."""
+
 DENSE_PITCH = 0.010
 """Cell size of the dense grid [m]."""
 DENSE_CELLS = 30

@@ -121,6 +121,11 @@ class IcgNet(nn.Module):
         centres = embedding.bounds.normalise(embedding.query_positions[queries])
         return features, centres, self._latent(embedding, queries, embedding.stages[stage].queries)
 
+    @property
+    def device(self) -> torch.device:
+        """What the network computes on."""
+        return next(self.parameters()).device
+
     def decode_affordance(
         self,
         embedding: SceneEmbedding,

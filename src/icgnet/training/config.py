@@ -8,8 +8,9 @@ from typing import Any, Literal
 
 from icgnet.errors import DataError, InputError
 from icgnet.files import write_json
-from icgnet.network.config import NETWORKS, NetworkConfig
+from icgnet.network.config import NETWORKS, NetworkConfig, Precision
 from icgnet.sensors.noise import NOISES, SensorNoise, exactly, up_to
+from icgnet.settings import check_choices
 from icgnet.training.losses import PUBLISHED, LossWeights
 from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
 from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
@@ -113,7 +114,8 @@ class TrainingConfig:
         weight_decay: of the optimiser, apart from the gradient.
         gradient_clip: largest norm of the gradient; 0 means no limit.
         average_decay: of the exponential moving average of the weights, which is validated and shipped.
-        bfloat16: compute the forward pass of the U-Nets in 16 bits; pays on processors and cards that can.
+        precision: in how many bits the forward pass of the U-Nets computes; auto takes bfloat16 where the processor or
+            card has instructions for it, else float32.
         threads: of the computation, in each process that trains.
         workers: processes that prepare samples; 0 prepares them in between the steps.
         log_seconds: time between two lines about training [s].
@@ -138,7 +140,7 @@ class TrainingConfig:
     weight_decay: float = 0.01
     gradient_clip: float = 5.0
     average_decay: float = 0.998
-    bfloat16: bool = True
+    precision: Precision = "auto"
     threads: int = 1
     workers: int = 1
     log_seconds: float = 20.0
@@ -147,6 +149,7 @@ class TrainingConfig:
     checkpoint_minutes: float = 3.0
 
     def __post_init__(self) -> None:
+        check_choices(self)
         if self.network not in NETWORKS:
             raise InputError(f"unknown network {self.network!r}; the presets are {', '.join(NETWORKS)}")
         if (self.steps is None) == (self.minutes is None):
@@ -181,7 +184,7 @@ TRAININGS = {
         batch=2,
         warmup_steps=2,
         average_decay=0.9,
-        bfloat16=False,
+        precision="float32",
         threads=1,
         workers=0,
         validation_scenes=2,
@@ -221,13 +224,13 @@ INDIFFERENT = (
     "training.common_statistics",
     "training.threads",
     "training.workers",
-    "training.bfloat16",
+    "training.precision",
     "training.log_seconds",
     "training.checkpoint_minutes",
     "data.scenes",
     "data.validation_scenes",
 )
-"""What may change between the legs of a run: how fast it trains, also at the price of other gradients (bfloat16, own
+"""What may change between the legs of a run: how fast it trains, also at the price of other gradients (precision, own
 statistics), how often it reports, and data that have grown.
 
 The batch of a process may, too, because the number of scenes in a step, over all processes, may not.

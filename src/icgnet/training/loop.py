@@ -19,6 +19,7 @@ from icgnet.errors import DataError, TrainingDivergedError
 from icgnet.files import cut_unfinished_line
 from icgnet.network.batch_norm import synchronise_statistics
 from icgnet.network.icgnet import IcgNet
+from icgnet.network.precision import use_bfloat16
 from icgnet.network.weights import load_weights, save_weights
 from icgnet.network.weights_header import read_header
 from icgnet.training.checkpoint import (
@@ -107,6 +108,8 @@ def train(
         for change in write_or_compare(out, record):
             report(f"going on with another setting: {change}")
     torch.set_num_threads(config.threads)
+    bits = "bfloat16" if use_bfloat16(config.precision, fabric.device) else "float32"
+    report(f"computing on {fabric.device} in {bits} (precision {config.precision}), {config.threads} threads")
     report(f"loading the objects of {len(recipes)} scenes")
     object_sets = load_object_sets(objects)
     dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, network, config.seed)
@@ -163,7 +166,7 @@ class Trainer:
         optimizer = make_optimizer(self.network, config)
         self.progress = self._resume(optimizer)
         self._skipped_in_a_row = 0
-        module = make_loss(self.network, config.loss, config.matching, config.bfloat16)
+        module = make_loss(self.network, config.loss, config.matching, use_bfloat16(config.precision, fabric.device))
         self.loss, self.optimizer = fabric.setup(module, optimizer)
         self.validation = [sample.to(fabric.device) for sample in validation]
 
