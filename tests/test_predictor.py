@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 import yaml
 
@@ -382,3 +383,17 @@ def test_meshes_are_in_the_frame_of_the_result(in_world):
     if not mesh.is_empty:
         assert (mesh.bounds[0] > item.points.min(axis=0) - 0.05).all()
         assert (mesh.bounds[1] < item.points.max(axis=0) + 0.05).all()
+
+
+def test_the_rule_of_the_papers_robot_puts_the_highest_of_the_sure_ones_first(predictor, depth):
+    # Random weights: shifted up, so that some scores reach the ladder.
+    sure = copy.deepcopy(predictor.network)
+    with torch.no_grad():
+        sure.affordance.success.bias += 2.0
+    searching = Predictor(sure, search=replace(QUICK, select="highest"))
+    result = searching.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
+    assert len(result.grasps) > 1
+    assert (result.grasps.scores > 0.7).all()
+    np.testing.assert_array_equal(result.best().poses, result.highest().poses)
+    top = result.grasps.scores > (0.9 if (result.grasps.scores > 0.9).any() else 0.8)
+    assert result.best().poses[0, 2, 3] == result.grasps.poses[top, 2, 3].max()

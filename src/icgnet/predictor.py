@@ -18,6 +18,7 @@ from icgnet.geometry.depth_scale import LARGEST_ERROR, levelled_depth
 from icgnet.geometry.transforms import check_transform
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.grasping.selection import ranked
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.capture import check_viewpoint
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
@@ -234,7 +235,7 @@ class Predictor:
     def _search(
         self, tabletop: Tabletop, shapes: list[Shape], rng: np.random.Generator, clock: "_Clock"
     ) -> tuple[Grasps, dict[str, int]]:
-        """Free grasps in the table frame, best first; from the predicted surfaces too when the seen ones give few."""
+        """Free grasps in the table frame, ranked; from the predicted surfaces too when the seen ones give few."""
         if not shapes:
             return Grasps.empty(), {}
         contacts = seen_contacts(tabletop, [shape.instance for shape in shapes], self.search.contacts, rng)
@@ -250,7 +251,7 @@ class Predictor:
             wanted = min(self.search.few, self.search.most or self.search.few)
             enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= wanted
             if enough or not self.search.resample or len(rounds) == 2:
-                return Grasps.concatenate(rounds).sorted(), dict(rejected)
+                return ranked(Grasps.concatenate(rounds), self.search.select), dict(rejected)
             contacts = surface_contacts(shapes, self.search.contacts, rng)
 
     def with_search(self, **changes: Any) -> "Predictor":

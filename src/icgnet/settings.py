@@ -48,7 +48,7 @@ def check_range(settings: Any, least: float, *names: str, above: bool = False, m
         if not is_number or value > most or value < least or (above and value == least):
             wanted = f"above {least:g}" if above else f"at least {least:g}"
             limit = "" if most == math.inf else f" and at most {most:g}"
-            raise InputError(f"{name} must be a number {wanted}{limit}, got {value!r}")
+            raise InputError(f"{name} must be {wanted}{limit}, got {value!r}")
 
 
 def read_settings(kind: type[Settings], values: Any, name: str = "") -> Settings:

@@ -7,13 +7,12 @@ from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform, random_rotation, rotation_z
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.selection import (
-    best_score,
-    highest_grasp,
     in_cone,
     in_region,
     non_maximum_suppression,
     of_class,
     of_instances,
+    ranked,
 )
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -37,30 +36,32 @@ def heights(*values: float) -> np.ndarray:
     return np.array([[0.1, 0.1, value] for value in values])
 
 
-def test_best_score_is_the_first_of_equals():
-    assert best_score(grasps_at(heights(0, 0, 0), [0.3, 0.8, 0.8])) == 1
-    assert best_score(Grasps.empty()) is None
+def test_the_best_come_first_and_equals_keep_their_order():
+    grasps = ranked(grasps_at(heights(0.0, 0.1, 0.2), [0.3, 0.8, 0.8]))
+    assert grasps.poses[:, 2, 3].tolist() == [0.1, 0.2, 0.0]
+    assert len(ranked(Grasps.empty())) == 0
 
 
 @pytest.mark.parametrize(
     ("scores", "expected"),
     [
-        ([0.95, 0.91, 0.99, 0.5], 1),  # three above 0.9: the highest of them
-        ([0.85, 0.81, 0.90, 0.5], 1),  # 0.9 itself does not exceed 0.9, so it competes at 0.8
-        ([0.75, 0.10, 0.10, 0.5], 0),
-        ([0.70, 0.10, 0.10, 0.69], None),  # nothing good enough: look again
+        ([0.95, 0.91, 0.99, 0.5], [1, 2, 0]),  # three above 0.9: the highest of them
+        ([0.85, 0.81, 0.90, 0.95], [3, 1, 2, 0]),  # 0.9 itself does not exceed 0.9, so it competes at 0.8
+        ([0.75, 0.10, 0.10, 0.5], [0]),
+        ([0.70, 0.10, 0.10, 0.69], []),  # nothing good enough: look again
     ],
 )
-def test_ladder_takes_the_highest_grasp_of_the_best_step(scores, expected):
-    assert highest_grasp(grasps_at(heights(0.1, 0.2, 0.15, 0.3), scores)) == expected
+def test_ladder_takes_the_highest_grasps_of_the_best_step(scores, expected):
+    levels = (0.1, 0.2, 0.15, 0.3)
+    grasps = ranked(grasps_at(heights(*levels), scores), "highest")
+    assert grasps.poses[:, 2, 3].tolist() == [levels[index] for index in expected]
 
 
-def test_ladder_follows_the_given_up_direction_and_steps():
-    grasps = grasps_at([[0.1, 0, 0.3], [0.3, 0, 0.1]], [0.6, 0.6])
-    assert highest_grasp(grasps) is None
-    assert highest_grasp(grasps, ladder=(0.5,)) == 0
-    assert highest_grasp(grasps, ladder=(0.5,), up=np.array([1.0, 0, 0])) == 1
-    assert highest_grasp(Grasps.empty()) is None
+def test_ladder_follows_the_given_up_direction():
+    grasps = grasps_at([[0.1, 0, 0.3], [0.3, 0, 0.1]], [0.95, 0.95])
+    assert ranked(grasps, "highest").poses[0, 2, 3] == 0.3
+    assert ranked(grasps, "highest", up=np.array([1.0, 0, 0])).poses[0, 0, 3] == 0.3
+    assert len(ranked(Grasps.empty(), "highest")) == 0
 
 
 def test_grasps_of_instances_and_classes():

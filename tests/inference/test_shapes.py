@@ -10,6 +10,7 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
+from icgnet.grasping.selection import ranked
 from icgnet.inference.candidates import GraspContacts, keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance, encode_windows
@@ -209,3 +210,15 @@ def test_contacts_join_in_order():
     one = GraspContacts(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, dtype=np.int64))
     both = GraspContacts.concatenate([one, GraspContacts(np.ones((1, 3)), np.ones((1, 3)), np.ones(1, dtype=np.int64))])
     np.testing.assert_array_equal(both.instances, (0, 0, 1))
+
+
+def test_the_highest_free_grasp_is_found_below_as_many_others_as_there_are(shapes, tabletop):
+    best, many = from_above(0, np.array([0.0, 1.0, 0.0])), 40
+    grasps = Grasps.concatenate([best] * many)
+    poses, scores = grasps.poses.copy(), np.linspace(0.99, 0.91, many)
+    poses[:, 2, 3] += 1e-5 * np.arange(many)  # the lower the score, the higher the hand
+    grasps = replace(grasps, poses=poses, scores=scores)
+    for rule, first in (("best", 0), ("highest", many - 1)):
+        search = GraspSearch(per_object=4, most=4, select=rule)
+        free, _ = keep_free(ranked(grasps, rule), shapes, tabletop, load_gripper(), search)
+        assert free.scores[0] == scores[first]

@@ -115,14 +115,14 @@ def test_the_checksum_covers_the_header(network, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"voxel_size": 0}, "voxel_size must be a number at least 0.001 and at most 0.05, got 0"),
+        ({"voxel_size": 0}, "voxel_size must be at least 0.001 and at most 0.05, got 0"),
         ({"voxel_size": -1.0}, "voxel_size must be a number"),
         ({"voxel_size": "a"}, "voxel_size must be of type float, got 'a'"),
         ({"voxel_size": 10**400}, "voxel_size must be of type float, got 1000"),
         ({"voxel_size": float("nan")}, "voxel_size must be of type float, got nan"),
         ({"queries": True}, "queries must be of type int, got True"),
         ({"queries": 8.5}, "queries must be of type int, got 8.5"),
-        ({"heads": 0}, "heads must be a number at least 1"),
+        ({"heads": 0}, "heads must be at least 1"),
         ({"dilations": [0] * 8}, "dilations must be 1 to 16 numbers from 1 to 64"),
         ({"dilations": 3}, r"dilations must be of type tuple\[int, ...\], got 3"),
         ({"dilations": [[1]] * 8}, r"dilations must be of type int, got \[1\]"),

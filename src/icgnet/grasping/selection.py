@@ -1,6 +1,7 @@
 """Which grasps to keep, and which one to try first."""
 
 from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -10,36 +11,29 @@ from icgnet.geometry.clouds import crop
 from icgnet.grasping.grasps import Grasps
 
 SCORE_LADDER = (0.9, 0.8, 0.7)
-"""Scores that a grasp must exceed, tried one after the other."""
+"""Scores that a grasp must exceed, tried one after the other (paper)."""
+Rule = Literal["best", "highest"]
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def best_score(grasps: Grasps) -> int | None:
-    """Index of the grasp with the highest score, the first of equals; None if there are no grasps."""
-    return int(np.argmax(grasps.scores)) if len(grasps) else None
+def ranked(grasps: Grasps, rule: Rule = "best", up: Float[np.ndarray, "3"] = UP) -> Grasps:
+    """The grasps in the order in which they are to be tried.
 
-
-def highest_grasp(
-    grasps: Grasps, ladder: tuple[float, ...] = SCORE_LADDER, up: Float[np.ndarray, "3"] = UP
-) -> int | None:
-    """Index of the highest grasp among those above the first score of the ladder that any exceeds.
-
-    Paper: "Real World Experiments": 0.9, then 0.8, then 0.7. Grasps from above disturb the fewest neighbours.
+    Paper: "Grasp Selection and Reconstruction" (the best) and "Real World Experiments" (the highest above 0.9, else
+    above 0.8, else above 0.7): grasps from above disturb the fewest neighbours.
 
     Args:
-        grasps: candidates without collisions.
-        ladder: falling scores.
-        up: direction against gravity in the frame of the grasps.
-
-    Returns:
-        The index, or None if no grasp exceeds even the last score: then it is better to look again.
+        grasps: candidates in any order.
+        rule: "best": the highest score first. "highest": first those that exceed the first score of `SCORE_LADDER`, the
+            highest of them first, then those that exceed the next one, and so on. Those that do not exceed the last one
+            are left out: it is better to look again.
+        up: direction against gravity in the frame of the grasps, for the rule "highest".
     """
-    height = grasps.poses[:, :3, 3] @ up
-    for level in ladder:
-        good = np.flatnonzero(grasps.scores > level)
-        if len(good):
-            return int(good[np.argmax(height[good])])
-    return None
+    if rule == "best":
+        return grasps.sorted()
+    rung = (grasps.scores[:, None] > np.array(SCORE_LADDER)).sum(axis=1)
+    order = np.lexsort((-grasps.poses[:, :3, 3] @ up, -rung))
+    return grasps.select(order[rung[order] > 0])
 
 
 def of_instances(grasps: Grasps, instances: Iterable[int]) -> Grasps:

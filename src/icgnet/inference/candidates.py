@@ -15,6 +15,7 @@ from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions, d
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
+from icgnet.grasping.selection import ranked
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance
 from icgnet.inference.shapes import Shape, scene_occupancy
@@ -181,7 +182,9 @@ def _believed(
         contacts=contacts.points[contact],
         angles=angle,
     )
-    return grasps.sorted(), rejected
+    in_order = ranked(grasps, search.select)
+    rejected["low_score"] += len(grasps) - len(in_order)
+    return in_order, rejected
 
 
 def keep_free(
@@ -189,10 +192,10 @@ def keep_free(
 ) -> tuple[Grasps, dict[str, int]]:
     """The best grasps whose hand touches nothing on its way, and how many were dropped for what.
 
-    Candidates are checked in the order of their score, until every object has enough, or all have together.
+    Candidates are checked in the order in which they would be tried, until every object has enough, or all together.
 
     Args:
-        grasps: candidates, table frame, best first.
+        grasps: candidates, table frame, in the order in which they would be tried.
         shapes: everything on the table that the hand may hit.
         tabletop: the measured points.
         gripper: the hand.
@@ -205,8 +208,9 @@ def keep_free(
     free: list[Int[np.ndarray, "k"]] = []
     at_once = CHECKS_AT_ONCE if search.most is None else min(CHECKS_AT_ONCE, CHECKS_PER_WANTED * search.most)
     while checked.sum() < search.max_checked and (search.most is None or found.sum() < search.most):
-        # Those of an object that has enough are left, without having been looked at.
-        wanted = ~checked & (found < search.per_object)[grasps.instances]
+        # Those of an object that has enough are left, without having been looked at; the highest one may be any.
+        has_enough = (found >= search.per_object) & (search.select == "best")
+        wanted = ~checked & ~has_enough[grasps.instances]
         batch = np.flatnonzero(wanted)[:at_once]
         if len(batch) == 0:
             break
@@ -224,7 +228,7 @@ def keep_free(
         for name in rejected:
             rejected[name] += collisions.counts[name]
     rejected["unchecked"] = int((~checked).sum())
-    return grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])).sorted(), rejected
+    return ranked(grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])), search.select), rejected
 
 
 def _openings(widths: Float[np.ndarray, "g"], gripper: Gripper, search: GraspSearch) -> Float[np.ndarray, "g"]:

@@ -144,16 +144,17 @@ class Prediction:
         return replace(self, grasps=selection.non_maximum_suppression(self.grasps, limit=limit))
 
     def best(self) -> Grasps:
-        """The grasp with the highest score; empty when there is none."""
+        """The grasp to try first; empty when there is none."""
         return self.grasps.select(slice(0, 1))
 
     def highest(self) -> Grasps:
         """The highest grasp scored above 0.9, else 0.8, else 0.7; empty when there is none: then look again.
 
+        Only grasps that were kept are asked; a search with `select="highest"` checks all of these for collision.
+
         Paper: "Real World Experiments".
         """
-        index = selection.highest_grasp(self.grasps, up=self.T_frame_table[:3, 2])
-        return self.grasps.select(np.zeros(0, dtype=np.int64) if index is None else np.array([index]))
+        return selection.ranked(self.grasps, "highest", self.T_frame_table[:3, 2]).select(slice(0, 1))
 
     def to_dict(self) -> dict[str, Any]:
         """The prediction without clouds and meshes as plain values, for JSON."""
