@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -45,17 +45,17 @@ def write_json(path: Path, values: Mapping[str, object]) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with new_file(path) as file:
-        file.write((json.dumps(_finite(values), indent=2, allow_nan=False) + "\n").encode())
+        file.write((json.dumps(finite(values), indent=2, allow_nan=False) + "\n").encode())
 
 
-def _finite(value: object) -> object:
+def finite(value: object) -> object:
     """The same with None in place of numbers that are not finite."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
+        return [finite(each) for each in value]
     return value
 
 
@@ -65,6 +65,23 @@ def cut_unfinished_line(path: Path) -> None:
         with path.open("r+b") as file:
             content = file.read()
             file.truncate(content.rfind(b"\n") + 1)
+
+
+def keep_lines(path: Path, is_wanted: Callable[[str], bool]) -> None:
+    """Leaves only the wanted lines in a file, if there is such a file; a line that a kill cut off is never wanted.
+
+    Raises:
+        DataError: the system cannot write, or a line is not what `is_wanted` expects.
+    """
+    if not path.is_file():
+        return
+    whole = path.read_text().rpartition("\n")[0].splitlines(keepends=False)
+    try:
+        kept = [line + "\n" for line in whole if is_wanted(line)]
+    except (ValueError, KeyError, TypeError) as error:
+        raise DataError(f"{path}: damaged: {error}") from error
+    with new_file(path) as file:
+        file.write("".join(kept).encode())
 
 
 def remove_partial_files(directory: Path) -> None:

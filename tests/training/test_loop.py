@@ -1,6 +1,8 @@
 import json
 import math
+import os
 import shutil
+import signal
 from dataclasses import replace
 
 import pytest
@@ -8,6 +10,7 @@ import torch
 
 from icgnet.errors import DataError, InputError, TrainingDivergedError
 from icgnet.network.weights import load_weights
+from icgnet.parallel.lock import locked
 from icgnet.training.checkpoint import CHECKPOINT_FILE, WeightAverage, read_checkpoint
 from icgnet.training.config import TRAININGS, Sampling, TrainingConfig
 from icgnet.training.loop import BEST_FILE, FINAL_FILE, METRICS_FILE, Trainer
@@ -15,7 +18,7 @@ from icgnet.viewer.training_curves import read_run
 
 CONFIG = replace(
     TRAININGS["tiny"],
-    steps=6,
+    steps=4,
     sampling=Sampling(occupancy_points=64, contacts=8, half_resolution=1.0),
     log_seconds=0.0,
 )
@@ -93,19 +96,64 @@ def test_best_weights_stay_when_a_run_is_killed_before_its_next_checkpoint(train
     assert (tmp_path / BEST_FILE).read_bytes() == best
 
 
-def test_a_line_that_a_kill_cut_off_is_taken_away(train_shapes, tmp_path):
-    train_shapes(CONFIG, tmp_path, leg_steps=2)
+def test_the_log_holds_each_step_once_after_a_kill(train_shapes, tmp_path):
+    config = replace(CONFIG, steps=3)
+    train_shapes(config, tmp_path, leg_steps=1)
     with (tmp_path / METRICS_FILE).open("a") as file:
-        file.write('{"kind": "train", "ste')
-    train_shapes(CONFIG, tmp_path)
-    steps = [line["step"] for line in read_run(tmp_path).lines if line["kind"] == "train"]
-    assert steps == sorted(set(steps))
-    assert steps[-1] == 6
+        # Written after the checkpoint, and one more that was cut off.
+        file.write('{"kind": "train", "step": 2, "loss": null}\n{"kind": "train", "ste')
+    train_shapes(config, tmp_path)
+    lines = [json.loads(line) for line in (tmp_path / METRICS_FILE).read_text().splitlines()]
+    assert [line["step"] for line in lines if line["kind"] == "train"] == [1, 2, 3]
+    assert all(line["loss"] is not None for line in lines if line["kind"] == "train")
+
+
+def test_a_log_without_a_checkpoint_is_set_aside(train_shapes, tmp_path):
+    config = replace(CONFIG, steps=1)
+    (tmp_path / METRICS_FILE).write_text('{"kind": "train", "step": 5}\n')
+    lines = []
+    train_shapes(config, tmp_path, report=lines.append)
+    assert any("beginning anew; the log is now metrics-1.jsonl" in line for line in lines)
+    assert '"step": 5' in (tmp_path / "metrics-1.jsonl").read_text()
+    assert '"step": 5' not in (tmp_path / METRICS_FILE).read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_an_interrupted_run_writes_a_checkpoint_and_goes_on(train_shapes, tmp_path, number):
+    config, lines = replace(CONFIG, steps=3), []
+
+    def interrupt(line):
+        lines.append(line)
+        if line.startswith("kind train step 1"):
+            os.kill(os.getpid(), number)
+
+    handler = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt):
+        train_shapes(config, tmp_path, report=interrupt)
+    assert lines[-1] == "interrupted; the same command goes on from step 1"
+    assert state_of(tmp_path)["progress"]["step"] == 1
+    assert signal.getsignal(number) is handler
+    train_shapes(config, tmp_path, report=lines.append)
+    assert "going on from step 1" in lines
+    assert state_of(tmp_path)["progress"]["finished"]
+
+
+def test_two_runs_into_one_folder_are_one_clear_error(train_shapes, tmp_path):
+    with locked(tmp_path), pytest.raises(DataError, match=r"process \d+ on .* is writing into this folder"):
+        train_shapes(CONFIG, tmp_path)
+
+
+def test_the_run_says_in_how_many_bits_it_computes(train_shapes, tmp_path):
+    lines = []
+    train_shapes(replace(CONFIG, steps=2, precision="bfloat16"), tmp_path, report=lines.append, leg_steps=1)
+    assert lines[0] == "computing on cpu in bfloat16 (precision bfloat16), threads 1"
+    train_shapes(replace(CONFIG, steps=2, precision="float32"), tmp_path, report=lines.append)
+    assert "going on with another setting: training.precision: bfloat16 there, float32 now" in lines
 
 
 def test_a_run_that_diverges_says_so(train_shapes, tmp_path):
     with pytest.raises(TrainingDivergedError, match=r"20 steps in a row.*lower the learning rate \(1e\+30\)"):
-        train_shapes(replace(CONFIG, steps=60, learning_rate=1e30, warmup_steps=0), tmp_path)
+        train_shapes(replace(CONFIG, steps=60, batch=1, learning_rate=1e30, warmup_steps=0), tmp_path)
 
 
 def test_a_step_that_computes_nan_changes_nothing(train_shapes, tmp_path, monkeypatch):
@@ -193,9 +241,9 @@ def test_budget_is_steps_or_minutes(budget):
         ({"minutes": math.nan}, "minutes must be above 0, got nan"),
         ({"batch": 0}, "batch must be at least 1, got 0"),
         ({"threads": 0}, "threads must be at least 1, got 0"),
-        ({"workers": -1}, "workers must be 0 or more, got -1"),
+        ({"workers": -1}, "workers must be at least 0, got -1"),
         ({"learning_rate": 0.0}, "learning_rate must be above 0, got 0"),
-        ({"average_decay": 1.0}, "average_decay must be from 0 to below 1, got 1"),
+        ({"average_decay": 2.0}, "average_decay must be at least 0 and at most 1, got 2"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )

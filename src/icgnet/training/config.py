@@ -1,7 +1,6 @@
 """Everything that a training run depends on, and the named presets."""
 
 import json
-import math
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -10,7 +9,7 @@ from icgnet.errors import DataError, InputError
 from icgnet.files import write_json
 from icgnet.network.config import NETWORKS, NetworkConfig, Precision
 from icgnet.sensors.noise import NOISES, SensorNoise, exactly, up_to
-from icgnet.settings import check_choices
+from icgnet.settings import check_choices, check_range
 from icgnet.training.losses import PUBLISHED, LossWeights
 from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
 from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
@@ -154,18 +153,11 @@ class TrainingConfig:
             raise InputError(f"unknown network {self.network!r}; the presets are {', '.join(NETWORKS)}")
         if (self.steps is None) == (self.minutes is None):
             raise InputError(f"give either steps or minutes, got steps={self.steps} and minutes={self.minutes}")
-        for name in ("steps", "batch", "threads"):
-            if (number := getattr(self, name)) is not None and number < 1:
-                raise InputError(f"{name} must be at least 1, got {number}")
-        for name in ("minutes", "learning_rate"):
-            if (number := getattr(self, name)) is not None and not 0 < number < math.inf:
-                raise InputError(f"{name} must be a number above 0, got {number}")
-        not_negative = ("workers", "warmup_steps", "weight_decay", "gradient_clip", "validation_scenes")
-        for name in (*not_negative, "log_seconds", "validation_minutes", "checkpoint_minutes"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        if not 0 <= self.average_decay < 1:
-            raise InputError(f"average_decay must be from 0 to below 1, got {self.average_decay}")
+        check_range(self, 1.0, "steps", "batch", "threads")
+        check_range(self, 0.0, "minutes", "learning_rate", above=True)
+        not_negative = ("workers", "warmup_steps", "weight_decay", "gradient_clip", "validation_scenes", "seed")
+        check_range(self, 0.0, *not_negative, "log_seconds", "validation_minutes", "checkpoint_minutes")
+        check_range(self, 0.0, "average_decay", "final_learning_rate", most=1.0)
 
     def progress(self, step: int, elapsed: float) -> float:
         """Used share of the budget, 0 to 1, after `step` steps and `elapsed` seconds of training."""

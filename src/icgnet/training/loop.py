@@ -4,7 +4,9 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +18,14 @@ from torch.utils.data import DataLoader
 
 from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError, TrainingDivergedError
-from icgnet.files import cut_unfinished_line
+from icgnet.files import finite, keep_lines
 from icgnet.network.batch_norm import synchronise_statistics
+from icgnet.network.config import NetworkConfig
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.precision import use_bfloat16
 from icgnet.network.weights import load_weights, save_weights
 from icgnet.network.weights_header import read_header
+from icgnet.parallel.lock import locked
 from icgnet.training.checkpoint import (
     CHECKPOINT_FILE,
     Progress,
@@ -32,6 +36,7 @@ from icgnet.training.checkpoint import (
 )
 from icgnet.training.config import TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches, gather_recipes, network_for
+from icgnet.training.interrupts import Interrupts, ignore_interrupts
 from icgnet.training.log import Clock, TrainingLog
 from icgnet.training.losses import LossWeights, TrainingLoss
 from icgnet.training.matching import MatchingCosts
@@ -84,6 +89,7 @@ def train(
             damaged checkpoint, weights that are damaged or of another network, hand or classes, a run with other
             settings, or other scenes or settings than the first process has.
         TrainingDivergedError: gradients stay infinite or NaN.
+        KeyboardInterrupt: the process was interrupted (SIGINT, SIGTERM) while it trained; the checkpoint is written.
     """
     recipes, header = gather_recipes(data)
     network = network_for(config.network, header)
@@ -92,30 +98,34 @@ def train(
         raise DataError(f"no recipes of split 'train' in {', '.join(map(str, data))}")
     fabric, out = join_processes(accelerator), Path(out)
     check_same(fabric, to_agree_on(config, recipes) | {"leg_steps": leg_steps, "labels": header.to_dict()})
-    if not fabric.is_global_zero:
-        report = _silence
-    else:
-        counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
-        begins_with = None
-        if start is not None:
-            first = read_header(start)
-            first.check_config(network, start)
-            begins_with = first.sha256
-        folders = sorted(str(folder) for folder in data)
-        record = training_record(
-            config, network, fabric.world_size, {"folders": folders, **counts, "start": begins_with}
-        )
-        for change in write_or_compare(out, record):
-            report(f"going on with another setting: {change}")
-    torch.set_num_threads(config.threads)
-    bits = "bfloat16" if use_bfloat16(config.precision, fabric.device) else "float32"
-    report(f"computing on {fabric.device} in {bits} (precision {config.precision}), {config.threads} threads")
-    report(f"loading the objects of {len(recipes)} scenes")
-    object_sets = load_object_sets(objects)
-    dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, network, config.seed)
-    to_validate = by_split["val"] if fabric.is_global_zero else []
-    validation = validation_samples(network, config.sampling, config.validation_scenes, to_validate, object_sets)
-    return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
+    with ExitStack() as stack:
+        if fabric.is_global_zero:
+            counts = {"scenes": len(by_split["train"]), "validation_scenes": len(by_split["val"])}
+            about = {"folders": sorted(map(str, data)), **counts, "start": _checksum(start, network)}
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(out))
+            for change in write_or_compare(out, training_record(config, network, fabric.world_size, about)):
+                report(f"going on with another setting: {change}")
+        else:
+            report = _silence
+        torch.set_num_threads(config.threads)
+        bits = "bfloat16" if use_bfloat16(config.precision, fabric.device) else "float32"
+        report(f"computing on {fabric.device} in {bits} (precision {config.precision}), threads {config.threads}")
+        report(f"loading the objects of {len(recipes)} scenes")
+        object_sets = load_object_sets(objects)
+        dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, network, config.seed)
+        to_validate = by_split["val"] if fabric.is_global_zero else []
+        validation = validation_samples(network, config.sampling, config.validation_scenes, to_validate, object_sets)
+        return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
+
+
+def _checksum(start: Path | None, network: NetworkConfig) -> str | None:
+    """Of the weights that a run begins with, after making sure that they are of its network."""
+    if start is None:
+        return None
+    header = read_header(start)
+    header.check_config(network, start)
+    return header.sha256
 
 
 @dataclass(frozen=True)
@@ -180,15 +190,23 @@ class Trainer:
         if self.progress.finished:
             self.report(f"{self.out} is finished: {self.progress.step} steps, {self.progress.visits} scenes")
             return evaluate(self.average.network, self.validation, self.config.matching)
-        if self.progress.step:
-            self.report(f"going on from step {self.progress.step}")
         if self.fabric.is_global_zero:
-            cut_unfinished_line(self.out / METRICS_FILE)
+            self._tidy_log()
+        last_step = self.progress.step + leg_steps if leg_steps is not None else None
+        with Interrupts() as interrupts:
+            self._train(last_step, interrupts)
+        metrics = self._finish(stopped_early=interrupts.noted or self.progress.step == last_step)
+        if interrupts.noted:
+            self.report(f"interrupted; the same command goes on from step {self.progress.step}")
+            raise KeyboardInterrupt
+        return metrics
+
+    def _train(self, last_step: int | None, interrupts: Interrupts) -> None:
+        """Steps until the budget is used up, after `last_step`, or when any process has been interrupted."""
         batches = self.batches()
         clock = Clock(self.progress.elapsed)
         log = TrainingLog()
         saved = logged = self.progress.elapsed
-        last_step = self.progress.step + leg_steps if leg_steps is not None else None
         while self.config.progress(self.progress.step, self.progress.elapsed) < 1.0 and self.progress.step != last_step:
             with log.waiting:
                 samples = next(batches)
@@ -199,6 +217,9 @@ class Trainer:
                 means = log.summary(now - logged, self.fabric)
                 self._write("train", means | {"learning_rate": self.learning_rate})
                 log, logged = TrainingLog(), now
+            interrupts.noted = agreed(self.fabric, float(interrupts.noted)) > 0
+            if interrupts.noted:
+                return
             if now - self.progress.validated > 60 * self.config.validation_minutes:
                 self._validate()
                 self.progress.validated = agreed(self.fabric, clock.elapsed)
@@ -206,7 +227,20 @@ class Trainer:
             if now - saved > 60 * self.config.checkpoint_minutes:
                 self._save()
                 saved = now
-        return self._finish(stopped_early=self.progress.step == last_step)
+
+    def _tidy_log(self) -> None:
+        """Takes away what was logged after the checkpoint that the run goes on from, and will be logged again.
+
+        The log of a run without a checkpoint is set aside.
+        """
+        path = self.out / METRICS_FILE
+        if self.progress.step:
+            self.report(f"going on from step {self.progress.step}")
+            keep_lines(path, lambda line: json.loads(line)["step"] <= self.progress.step)
+        elif path.is_file() and path.stat().st_size:
+            aside = next(name for number in count(1) if not (name := path.with_stem(f"{path.stem}-{number}")).exists())
+            path.rename(aside)
+            self.report(f"{self.out} has a log but no {CHECKPOINT_FILE}: beginning anew; the log is now {aside.name}")
 
     def batches(self) -> Iterator[list[Sample]]:
         """The samples of the visits that come next in this process."""
@@ -218,6 +252,7 @@ class Trainer:
             num_workers=self.config.workers,
             collate_fn=list,
             prefetch_factor=4 if self.config.workers else None,
+            worker_init_fn=ignore_interrupts,
         )
         return iter(loader)
 
@@ -335,7 +370,7 @@ class Trainer:
         where = {"kind": kind, "step": self.progress.step, "scenes": self.progress.visits}
         line = where | {"elapsed_s": round(self.progress.elapsed, 1)} | values
         with (self.out / METRICS_FILE).open("a") as file:
-            file.write(json.dumps({key: _rounded(value) for key, value in line.items()}) + "\n")
+            file.write(json.dumps(finite({key: _rounded(value) for key, value in line.items()})) + "\n")
         self.report(" ".join(f"{key} {_rounded(value)}" for key, value in line.items()))
 
 

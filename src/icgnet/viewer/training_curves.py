@@ -1,6 +1,7 @@
 """Curves of training runs, from the logs that they leave: what validation and the loss said over the visits."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,6 +86,7 @@ def _checked(text: str, place: str) -> dict:
         raise DataError(f"{place}: not JSON ({error})") from error
     if not isinstance(line, dict) or not {"kind", "scenes", "elapsed_s"} <= line.keys():
         raise DataError(f"{place}: a training run logs kind, scenes and elapsed_s, got {text[:80]}")
+    line = {name: math.nan if value is None else value for name, value in line.items()}  # JSON has no NaN
     wrong = [name for name, value in line.items() if name != "kind" and not isinstance(value, int | float)]
     if wrong:
         raise DataError(f"{place}: {wrong[0]} must be a number, got {line[wrong[0]]!r}")
