@@ -11,6 +11,7 @@ from rich.console import Console
 
 from icgnet.cli.report import print_tables, with_median_timings, with_meshes, write_folder
 from icgnet.errors import InputError
+from icgnet.files import write_text
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.objects.classes import class_index
 from icgnet.output_folder import check_replaceable
@@ -126,7 +127,7 @@ class Predict:
             if self.json == STDOUT:
                 sys.stdout.write(text + "\n")
                 return
-            Path(self.json).write_text(text + "\n")
+            write_text(Path(self.json), text + "\n")
         console = Console()
         print_tables(result, console)
         if out is not None:

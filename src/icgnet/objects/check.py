@@ -1,8 +1,6 @@
 """What is wrong with the files of an object set, file by file."""
 
 import json
-import os
-import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,6 +11,7 @@ import numpy as np
 import trimesh
 
 from icgnet.errors import DataError, InputError
+from icgnet.files import new_file
 from icgnet.objects.base import FileObjectSet, ObjectSet, Units, cache_directory, doubles
 from icgnet.objects.fingerprint import hash_texts
 from icgnet.objects.mesh_folder import LIST_FILE, object_paths, read_folder_list, read_scaled_mesh
@@ -151,7 +150,5 @@ def _read_reports(path: Path) -> list[ObjectReport] | None:
 
 def _write_reports(path: Path, reports: Sequence[ObjectReport]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
-    with os.fdopen(handle, "w") as file:
-        json.dump([asdict(report) for report in reports], file)
-    os.replace(partial, path)
+    with new_file(path) as file:
+        file.write(json.dumps([asdict(report) for report in reports]).encode())

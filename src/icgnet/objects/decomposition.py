@@ -1,7 +1,5 @@
 """Convex pieces of meshes that come without them."""
 
-import os
-import tempfile
 import warnings
 import zipfile
 from importlib.util import find_spec
@@ -11,6 +9,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from icgnet.files import new_file
 from icgnet.geometry.signed_distance import surface_hash
 from icgnet.objects.model import convex_hull
 
@@ -67,7 +66,5 @@ def _read_pieces(path: Path) -> list[Float[np.ndarray, "_ 3"]] | None:
 
 def _write_pieces(path: Path, pieces: list[Float[np.ndarray, "_ 3"]]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
-    with os.fdopen(handle, "wb") as file:
+    with new_file(path) as file:
         np.savez_compressed(file, points=np.concatenate(pieces), counts=[len(piece) for piece in pieces])
-    os.replace(partial, path)
