@@ -13,7 +13,7 @@ from jaxtyping import Float
 from icgnet.errors import DataError
 from icgnet.objects.base import KINDS, FileObjectSet, ObjectFile, Split, Units, cache_directory, doubles
 from icgnet.objects.classes import check_classes
-from icgnet.objects.decomposition import decompose, decomposition_method
+from icgnet.objects.decomposition import decompose, decomposition_method, decomposition_notices
 from icgnet.objects.model import ObjectModel, clean_surface
 from icgnet.objects.urdf import read_mesh, read_urdf_object
 
@@ -77,6 +77,11 @@ class MeshFolderObjectSet(FileObjectSet):
             units=given,
             settings=f"{given}, {decomposition_method()}",
         )
+
+    def notices(self) -> list[str]:
+        """Returns a line on each object that is left out, and one where the physics sees no hollows."""
+        has_meshes = any(file.path.suffix.lower() != ".urdf" for file in self._files.values())
+        return super().notices() + (decomposition_notices() if has_meshes else [])
 
     def _load(self, key: str) -> ObjectModel:
         file = self.file(key)
