@@ -9,7 +9,7 @@ import trimesh
 
 from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
-from icgnet.geometry.transforms import invert_transform, transform_points
+from icgnet.geometry.transforms import invert_transform, matrix_to_quaternion, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
@@ -273,7 +273,7 @@ def test_weights_load_and_predict_as_the_network_they_came_from(predictor, in_wo
 def test_missing_weights_and_wrong_threads_are_named(tmp_path):
     with pytest.raises(DataError, match=r"nowhere\.safetensors"):
         Predictor.load(tmp_path / "nowhere.safetensors")
-    with pytest.raises(InputError, match="threads must be at least 1, got 0"):
+    with pytest.raises(InputError, match="threads must be at least 1 and at most 256, got 0"):
         Predictor.load(threads=0)
 
 
@@ -287,12 +287,12 @@ SHEARED = np.array([[1.0, 0.2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         ({"depth": np.zeros((120, 160))}, "no measured pixel"),
         ({"depth": np.full((120, 160), np.nan)}, "no measured pixel"),
         ({"depth": np.full((120, 160), 500.0)}, "looks like millimetres"),
-        ({"depth": np.full((120, 160, 3), 0.5)}, r"shape \(h, w\), got shape \(120, 160, 3\)"),
+        ({"depth": np.full((120, 160, 3), 0.5)}, r"shape \(h, w\), got \(120, 160, 3\)"),
         ({"intrinsics": np.zeros((3, 3))}, "singular"),
-        ({"intrinsics": np.eye(4)}, r"3 x 3 matrix, got shape \(4, 4\)"),
+        ({"intrinsics": np.eye(4)}, r"shape \(3, 3\), got \(4, 4\)"),
         ({"camera_pose": LEFT_HANDED @ camera_pose()}, "right-handed"),
         ({"camera_pose": SHEARED @ camera_pose()}, "shear"),
-        ({"camera_pose": np.eye(3)}, r"4x4 matrix, got shape \(3, 3\)"),
+        ({"camera_pose": np.eye(3)}, r"shape \(4, 4\), got \(3, 3\)"),
         ({"table_height": 0.05}, "needs a camera_pose"),
         ({"level_table": True, "camera_pose": camera_pose()}, "give camera_pose and table_height"),
         ({"mask": np.ones((3, 4))}, r"\(120, 160\), got \(3, 4\)"),
@@ -312,7 +312,7 @@ def test_wrong_depth_input_is_named(predictor, depth, changes, message):
         (np.zeros((500, 2)), {}, r"\(n, 3\)"),
         (1000 * np.random.default_rng(0).normal(size=(500, 3)), {}, "millimetres"),
         (np.random.default_rng(0).normal(size=(500, 3)), {}, "no table found"),
-        (np.random.default_rng(0).normal(size=(500, 3)), {"viewpoint": (0, 0)}, "three finite numbers"),
+        (np.random.default_rng(0).normal(size=(500, 3)), {"viewpoint": (0, 0)}, "viewpoint must"),
         (np.random.default_rng(0).normal(size=(500, 3)), {"table_height": np.nan}, "table_height"),
     ],
 )
@@ -333,3 +333,51 @@ def test_meshes_are_in_the_frame_of_the_result(in_world):
     if not mesh.is_empty:
         assert (mesh.bounds[0] > item.points.min(axis=0) - 0.05).all()
         assert (mesh.bounds[1] < item.points.max(axis=0) + 0.05).all()
+
+
+@pytest.mark.parametrize("height", [np.nan, np.inf, -np.inf, "0.05", [0.05], 1e6])
+def test_a_table_height_is_a_finite_number(predictor, depth, height):
+    with pytest.raises(InputError, match="table_height"):
+        predictor.predict_depth(depth, INTRINSICS, camera_pose(), table_height=height)
+
+
+@pytest.mark.parametrize("mask", [np.full(SHAPE, "everywhere"), np.full(SHAPE, np.nan), np.ma.masked_all(SHAPE, bool)])
+def test_a_mask_that_says_nothing_is_refused(predictor, depth, mask):
+    with pytest.raises(InputError, match="mask must be"):
+        predictor.predict_depth(depth, INTRINSICS, mask=mask)
+
+
+def test_masked_depth_is_not_measured(predictor, depth):
+    hidden = np.zeros(SHAPE, dtype=bool)
+    hidden[:, :80] = True
+    masked = predictor.predict_depth(np.ma.array(depth, mask=hidden), INTRINSICS, camera_pose())
+    assert not hidden.ravel()[masked.input_rows].any()
+
+
+def test_a_pose_in_millimetres_is_named(predictor, depth):
+    pose = camera_pose()
+    pose[:3, 3] *= 1000.0
+    with pytest.raises(InputError, match="millimetres"):
+        predictor.predict_depth(depth, INTRINSICS, pose)
+
+
+def test_a_pose_may_be_position_and_quaternion_and_the_world_has_any_name(predictor, in_world, depth):
+    pose = camera_pose()
+    numbers = [*pose[:3, 3], *matrix_to_quaternion(pose[:3, :3])]
+    result = predictor.predict_depth(depth, INTRINSICS, numbers, table_height=TABLE_HEIGHT, frame_id="base_link")
+    assert result.frame_id == result.cloud.frame_id == "base_link"
+    np.testing.assert_allclose(result.cloud.points, in_world.cloud.points, atol=1e-9)
+    with pytest.raises(InputError, match="frame_id"):
+        predictor.predict_depth(depth, INTRINSICS, numbers, frame_id="")
+
+
+def test_a_pixel_at_the_end_of_the_world_is_not_measured(predictor, depth):
+    far = depth.copy()
+    far[0, :5] = 1e155
+    assert (predictor.predict_depth(far, INTRINSICS).input_rows >= 5).all()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "0", True, None])
+def test_a_seed_is_a_whole_number(predictor, seed):
+    with pytest.raises(InputError, match="seed must be a whole number"):
+        Predictor(predictor.network, predictor.gripper, seed=seed)

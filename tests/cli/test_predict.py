@@ -143,7 +143,7 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
         "unknown gripper": ([view, "--gripper", "tweezers"], "'tweezers'"),
         "table of a cloud levelled": ([str(folder / "ball.npy"), "--level-table"], "--level-table is for depth images"),
         "table levelled without its height": ([*metric, "--level-table"], "give camera_pose and table_height"),
-        "no threads": ([view, "--threads", "0"], "threads must be at least 1, got 0"),
+        "no threads": ([view, "--threads", "0"], "threads must be at least 1 and at most 256, got 0"),
         "score above 1": ([view, "--min-score", "3"], "between 0 and 1, got 3"),
     }
 

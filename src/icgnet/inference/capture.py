@@ -1,6 +1,7 @@
 """Depth images, clouds and calibrations from the files that cameras and other programs leave behind."""
 
 import json
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +15,18 @@ from jaxtyping import Bool, Float, Real
 from PIL import Image
 
 from icgnet.errors import DataError, InputError
+from icgnet.geometry.arrays import position, real_array
 from icgnet.geometry.camera import check_intrinsics, metric_depth
 from icgnet.geometry.clouds import PointCloud
-from icgnet.geometry.transforms import check_transform
+from icgnet.geometry.transforms import check_pose
 
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff")
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv")
 SUFFIXES = (*IMAGE_SUFFIXES, ".npz", ".npy", ".ply", *TEXT_SUFFIXES)
 CALIBRATION_SUFFIXES = (".json", ".yaml", ".yml", ".npz", ".mat")
+
+LONGEST_REASON = 300
+"""So many characters of what a parser says are repeated in a message."""
 
 POINT_KEYS = ("points", "xyz", "pc", "cloud")
 INTRINSICS_KEYS = ("K", "k", "intrinsics", "intrinsic_matrix", "camera_matrix")
@@ -76,8 +81,9 @@ def read_capture(
     if intrinsics or camera_pose:
         raise InputError(f"{path} is a cloud: --intrinsics and --camera-pose are for depth images, give --viewpoint")
     if viewpoint is None and "viewpoint" in content:
-        viewpoint = content["viewpoint"].tolist()
-    return PointCloud(content["points"], None if viewpoint is None else check_viewpoint(viewpoint), "cloud")
+        viewpoint = content["viewpoint"]
+    points = real_array(content["points"], f"points in {path}", (None, 3), finite=False)
+    return PointCloud(points, None if viewpoint is None else position(viewpoint, "viewpoint"), "cloud")
 
 
 def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
@@ -93,21 +99,6 @@ def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
     if mask.ndim != 2:
         raise InputError(f"mask {path} must have one channel, got shape {mask.shape}")
     return mask != 0
-
-
-def check_viewpoint(viewpoint: Any) -> Float[np.ndarray, "3"]:
-    """The viewpoint as float64.
-
-    Raises:
-        InputError: not three finite numbers.
-    """
-    try:
-        position = np.asarray(viewpoint, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"viewpoint must be three finite numbers x y z [m], got {viewpoint!r}") from error
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise InputError(f"viewpoint must be three finite numbers x y z [m], got {np.asarray(viewpoint).tolist()}")
-    return position
 
 
 def read_intrinsics(source: Sequence[str]) -> Float[np.ndarray, "3 3"]:
@@ -127,15 +118,18 @@ def read_intrinsics(source: Sequence[str]) -> Float[np.ndarray, "3 3"]:
 
 
 def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
-    """T_world_camera from 16 numbers, row by row, or from a file (npy, txt, JSON, YAML, npz, mat).
+    """T_world_camera from 16 numbers, row by row, from 7, x y z [m] qw qx qy qz, or from a file with either.
+
+    Files are npy, txt, JSON, YAML, npz or mat.
 
     Raises:
-        InputError: neither of both, or not a rigid right-handed transform.
+        InputError: none of these, not a rigid right-handed transform, or not in metres.
         DataError: the file cannot be read or holds no pose.
     """
     if len(source) != 1:
-        numbers = _numbers(source, 16, "--camera-pose takes 16 numbers (T_world_camera row by row) or one file")
-        return _checked_pose(numbers.reshape(4, 4), "camera pose")
+        usage = "--camera-pose takes 16 numbers (T_world_camera row by row), 7 (x y z qw qx qy qz) or one file"
+        numbers = _numbers(source, 7 if len(source) == 7 else 16, usage)
+        return check_pose(numbers if len(numbers) == 7 else numbers.reshape(4, 4), "camera pose")
     path = Path(source[0])
     if path.suffix.lower() in (".npy", ".txt"):
         matrix = _read_arrays(path)["array"]
@@ -144,7 +138,7 @@ def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
         matrix = next((content[key] for key in POSE_KEYS if key in content), content.get("matrix"))
     if matrix is None:
         raise DataError(f"{path} holds no camera pose under any of {', '.join(POSE_KEYS)}")
-    return _checked_pose(matrix, f"camera pose in {path}")
+    return check_pose(matrix, f"camera pose in {path}")
 
 
 def _depth_capture(
@@ -167,10 +161,9 @@ def _depth_capture(
     if camera_pose:
         pose = read_camera_pose(camera_pose)
     elif "camera_pose" in content:
-        pose = _checked_pose(content["camera_pose"], f"camera_pose in {path}")
-    if content["depth"].ndim != 2:
-        raise InputError(f"depth in {path} must be one image of shape (h, w), got shape {content['depth'].shape}")
-    return DepthCapture(metric_depth(content["depth"], depth_scale), matrix, pose)
+        pose = check_pose(content["camera_pose"], f"camera_pose in {path}")
+    depth = real_array(content["depth"], f"depth in {path}", (None, None), finite=False)
+    return DepthCapture(metric_depth(depth, depth_scale), matrix, pose)
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -237,10 +230,18 @@ def _read_calibration(path: Path) -> Mapping[str, Any]:
             return _read_npz(path)
         if suffix == ".mat":
             return scipy.io.loadmat(path)
-        content = json.loads(path.read_text()) if suffix == ".json" else yaml.safe_load(path.read_text())
+        text = path.read_text()
+        content = json.loads(text) if suffix == ".json" else _parse_yaml(text)
     except Exception as error:
         raise DataError(f"cannot read {path}: {_first_line(error)}") from error
     return content if isinstance(content, dict) else {"matrix": content}
+
+
+def _parse_yaml(text: str) -> Any:
+    """The content of a YAML text without aliases, by which a few bytes can mean gigabytes."""
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+        raise ValueError("aliases (*name) are not allowed here")
+    return yaml.safe_load(text)
 
 
 def _find_intrinsics(content: Mapping[str, Any], source: str) -> Float[np.ndarray, "3 3"]:
@@ -254,8 +255,8 @@ def _find_intrinsics(content: Mapping[str, Any], source: str) -> Float[np.ndarra
         raise DataError(f"{source} holds no camera matrix under any of {', '.join(INTRINSICS_KEYS)}, nor fx fy cx cy")
     try:
         matrix = np.asarray(entry, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"the camera matrix in {source} is not made of numbers: {entry!r}") from error
+    except Exception as error:  # ragged, text, endless: there is no end to what a file can hold
+        raise DataError(f"the camera matrix in {source} is not made of numbers") from error
     if matrix.shape == (9,):
         # Open3D writes columns, ROS rows: the row (0, 0, 1) is the last in both.
         matrix = matrix.reshape(3, 3) if matrix[6] == matrix[7] == 0 else matrix.reshape(3, 3).T
@@ -267,25 +268,16 @@ def _pinhole(numbers: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
     return check_intrinsics(np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
 
 
-def _checked_pose(matrix: Any, name: str) -> Float[np.ndarray, "4 4"]:
-    try:
-        pose = np.asarray(matrix, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not made of numbers") from error
-    if pose.shape != (4, 4):
-        raise InputError(f"{name} must be a 4x4 matrix, got shape {pose.shape}")
-    return check_transform(pose, name)
-
-
 def _numbers(values: Sequence[Any], count: int, usage: str) -> Float[np.ndarray, "count"]:
     try:
         numbers = np.array([float(value) for value in values])
     except (TypeError, ValueError) as error:
-        raise InputError(f"{usage}, got {list(values)}") from error
+        raise InputError(f"{usage}, got {reprlib.repr(list(values))}") from error
     if len(numbers) != count:
-        raise InputError(f"{usage}, got {len(numbers)} values: {list(values)}")
+        raise InputError(f"{usage}, got {len(numbers)} values: {reprlib.repr(list(values))}")
     return numbers
 
 
 def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+    line = (str(error).splitlines() or [type(error).__name__])[0]
+    return line if len(line) <= LONGEST_REASON else line[:LONGEST_REASON] + "..."
