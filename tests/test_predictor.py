@@ -1,6 +1,8 @@
 """The whole way from depth to grasps, with a small network that has random weights."""
 
 import json
+import pickle
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +16,7 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.grasp_search import GraspSearch
-from icgnet.inference.prediction import NO_INSTANCE, Prediction, load_prediction
+from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.network.weights import save_weights
 from icgnet.predictor import Predictor
 from tabletop_scenes import INTRINSICS, SHAPE, THREE_BOXES, WIDE_ROW, camera_pose, depth_image, tiny_network
@@ -179,7 +181,7 @@ def test_unknown_classes_and_objects_are_named(in_world):
 
 def test_a_saved_prediction_reads_back(in_camera, tmp_path):
     in_camera.save(tmp_path / "out")
-    loaded = load_prediction(tmp_path / "out")
+    loaded = Prediction.load(tmp_path / "out")
     np.testing.assert_array_equal(loaded.grasps.poses, in_camera.grasps.poses)
     np.testing.assert_array_equal(loaded.grasps.openings, in_camera.grasps.openings)
     np.testing.assert_array_equal(loaded.instance_mask, in_camera.instance_mask)
@@ -233,7 +235,7 @@ def test_a_hand_that_comes_fully_open_is_reported_and_saved_fully_open(predictor
     assert (result.grasps.openings == widest).all()
     assert {entry["opening"] for entry in result.to_dict()["grasps"]} == {widest}
     result.save(tmp_path / "out")
-    assert (load_prediction(tmp_path / "out").grasps.openings == widest).all()
+    assert (Prediction.load(tmp_path / "out").grasps.openings == widest).all()
 
 
 def test_objects_say_how_sure_the_network_is_of_them(in_world):
@@ -247,7 +249,7 @@ def test_a_prediction_of_an_earlier_version_is_refused(in_camera, tmp_path):
     text = (tmp_path / "result.json").read_text()
     (tmp_path / "result.json").write_text(text.replace("icgnet prediction 2", "icgnet prediction 1"))
     with pytest.raises(DataError, match="prediction 2' but 'icgnet prediction 1': predict again"):
-        load_prediction(tmp_path)
+        Prediction.load(tmp_path)
 
 
 def test_a_search_for_no_grasps_is_refused():
@@ -257,10 +259,10 @@ def test_a_search_for_no_grasps_is_refused():
 
 def test_a_folder_that_is_no_prediction_is_named(tmp_path):
     with pytest.raises(DataError, match=r"not a saved prediction"):
-        load_prediction(tmp_path)
+        Prediction.load(tmp_path)
     (tmp_path / "result.json").write_text('{"format": "other"}')
     with pytest.raises(DataError, match="not of the format"):
-        load_prediction(tmp_path)
+        Prediction.load(tmp_path)
 
 
 def test_weights_load_and_predict_as_the_network_they_came_from(predictor, in_world, depth, tmp_path):
@@ -381,3 +383,75 @@ def test_a_pixel_at_the_end_of_the_world_is_not_measured(predictor, depth):
 def test_a_seed_is_a_whole_number(predictor, seed):
     with pytest.raises(InputError, match="seed must be a whole number"):
         Predictor(predictor.network, predictor.gripper, seed=seed)
+
+
+def edit_result(folder, change):
+    path = folder / "result.json"
+    result = json.loads(path.read_text())
+    change(result)
+    path.write_text(json.dumps(result))
+
+
+def edit_arrays(folder, name, **changes):
+    with np.load(folder / name) as saved:
+        arrays = dict(saved)
+    np.savez(folder / name, **{**arrays, **changes})
+
+
+EDITS = {
+    "no list of objects": lambda folder: edit_result(folder, lambda result: result.update(objects=3)),
+    "a score of 2": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(score=2.0)),
+    "a score of NaN": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(score=np.nan)),
+    "a class that is a path": lambda folder: edit_result(
+        folder, lambda result: result["objects"][0].update(class_name="../../x")
+    ),
+    "another number": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(instance_id="0")),
+    "a mesh elsewhere": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(mesh="/a.ply")),
+    "a mesh above": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(mesh="../a.ply")),
+    "a frame without name": lambda folder: edit_result(folder, lambda result: result.update(frame_id=None)),
+    "a table that is scaled": lambda folder: edit_result(
+        folder, lambda result: result.update(T_frame_table=np.diag([2.0, 2.0, 2.0, 1.0]).tolist())
+    ),
+    "counts of text": lambda folder: edit_result(folder, lambda result: result.update(rejected={"table": "many"})),
+    "points of text": lambda folder: edit_arrays(folder, "cloud.npz", points=np.full((5, 3), "x")),
+    "rows beyond the input": lambda folder: edit_arrays(folder, "cloud.npz", input_shape=np.array([2, 2])),
+    "fewer scores than grasps": lambda folder: edit_arrays(folder, "grasps.npz", score=np.ones(1)),
+    "instances that are not": lambda folder: edit_arrays(folder, "grasps.npz", instance_id=np.full(1, 99)),
+    "left-handed grasps": lambda folder: edit_arrays(folder, "grasps.npz", grasps=np.diag([1.0, 1, -1, 1])[None]),
+}
+
+
+@pytest.fixture(scope="module")
+def saved_prediction(in_camera, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved") / "out"
+    in_camera.save(folder)
+    return folder
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_a_saved_prediction_that_was_edited_to_nonsense_is_refused(saved_prediction, tmp_path, edit):
+    folder = tmp_path / "out"
+    shutil.copytree(saved_prediction, folder)
+    EDITS[edit](folder)
+    with pytest.raises(DataError, match="not a saved prediction") as error:
+        Prediction.load(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_a_prediction_can_be_pickled_with_its_meshes(in_camera):
+    again = pickle.loads(pickle.dumps(in_camera))
+    np.testing.assert_array_equal(again.grasps.poses, in_camera.grasps.poses)
+    for item, same in zip(in_camera.objects, again.objects, strict=True):
+        np.testing.assert_array_equal(item.mesh().vertices, same.mesh().vertices)
+
+
+def test_class_names_are_no_part_of_a_path(in_camera, tmp_path):
+    item = replace(in_camera.objects[0], class_name="../../a/b")
+    replace(in_camera, objects=(item, *in_camera.objects[1:])).save(tmp_path / "out")
+    assert (tmp_path / "out" / "meshes" / "00_______a_b.ply").is_file()
+
+
+def test_a_region_is_made_of_numbers(in_camera):
+    for corner in ("here", [0.0, np.nan, 0.0], [0.0, 0.0]):
+        with pytest.raises(InputError, match="region"):
+            in_camera.in_region(corner, np.ones(3))
