@@ -455,3 +455,16 @@ def test_a_region_is_made_of_numbers(in_camera):
     for corner in ("here", [0.0, np.nan, 0.0], [0.0, 0.0]):
         with pytest.raises(InputError, match="region"):
             in_camera.in_region(corner, np.ones(3))
+
+
+def test_of_too_many_objects_and_windows_the_largest_are_looked_at_and_the_rest_is_counted(
+    predictor, wide, monkeypatch
+):
+    assert wide.left_out == {"windows": 0, "objects": 0}
+    monkeypatch.setattr("icgnet.predictor.MOST_OBJECTS", 1)
+    monkeypatch.setattr("icgnet.inference.instances.MOST_VOXELS", 1)
+    pose = camera_pose(0.75)
+    bounded = predictor.predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
+    assert len(bounded.objects) == 1
+    assert bounded.left_out["windows"] > 0
+    assert bounded.to_dict()["left_out"] == bounded.left_out

@@ -32,6 +32,10 @@ from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
+MOST_OBJECTS = 64
+"""The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
+MOST_RESAMPLED = 10
+"""The largest so many objects are asked for points of their predicted surface."""
 WORLD, CAMERA = "world", "camera"
 """Names of the frames that results are in: a world with z up, unless the caller calls it otherwise, or the camera."""
 
@@ -180,7 +184,9 @@ class Predictor:
         clock.lap("input")
 
         views = encode_windows(self.network, tabletop, windows)
-        instances = find_instances(views, points)
+        found = find_instances(views, points)
+        instances = found[:MOST_OBJECTS]
+        left_out = {"windows": len(windows) - len(views), "objects": len(found) - len(instances)}
         shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
         parts = np.arange(len(instances))
         if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and len(windows) > 1):
@@ -200,6 +206,7 @@ class Predictor:
             gripper=self.gripper,
             input_rows=input_rows,
             input_shape=input_shape,
+            left_out=left_out,
         )
         clock.lap("select")
         return result
@@ -224,7 +231,7 @@ class Predictor:
             enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= wanted
             if enough or not self.search.resample or len(rounds) == 2:
                 return Grasps.concatenate(rounds).sorted(), dict(rejected)
-            contacts = surface_contacts(shapes, self.search.contacts, rng)
+            contacts = surface_contacts(shapes[:MOST_RESAMPLED], self.search.contacts, rng)
 
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""

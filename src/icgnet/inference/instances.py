@@ -17,6 +17,9 @@ from icgnet.objects.classes import CLASSES
 
 BATCH = 4
 """Windows that are encoded at once."""
+MOST_VOXELS = 100_000
+"""Of windows with more voxels together, those with the fewest points are left out: a table of 20 windows has so many,
+and noise that fills space has more."""
 SAME_IOU = 0.5
 """Two windows mean the same object when, of the points that both hold, their instances share more than this part."""
 DUPLICATE_OVERLAP = 0.5
@@ -63,7 +66,7 @@ class Instance:
 
 @torch.no_grad()
 def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -> list[EncodedWindow]:
-    """Embeddings of all windows that hold points."""
+    """Embeddings of the windows that hold points; of more than `MOST_VOXELS`, those with most points."""
     standing = tabletop.cloud.points[tabletop.standing]
     inside = [tabletop.standing[window.inside(standing)] for window in windows]
     filled = [(window, rows) for window, rows in zip(windows, inside, strict=True) if len(rows)]
@@ -75,6 +78,8 @@ def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -
         eye = None if viewpoint is None else window.to_window(viewpoint)
         visibility = None if eye is None else visibility_grid(window.to_window(above), eye)
         prepared.append(make_scene_input(points, network.config, visibility, eye))
+    affordable = _affordable([len(rows) for _, rows in filled], [len(scene.voxels) for scene, _ in prepared])
+    filled, prepared = [filled[index] for index in affordable], [prepared[index] for index in affordable]
     embeddings = []
     for start in range(0, len(prepared), BATCH):
         embeddings += network.encode([scene for scene, _ in prepared[start : start + BATCH]])
@@ -82,6 +87,14 @@ def encode_windows(network: IcgNet, tabletop: Tabletop, windows: list[Window]) -
         EncodedWindow(window, rows, point_to_voxel, embedding)
         for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
     ]
+
+
+def _affordable(points: list[int], voxels: list[int]) -> list[int]:
+    """The windows that are looked at, in their order: by points, as many as `MOST_VOXELS` allows, one at least."""
+    order = sorted(range(len(points)), key=lambda index: -points[index])
+    total = np.cumsum([voxels[index] for index in order])
+    count = max(1, int((total <= MOST_VOXELS).sum()))
+    return sorted(order[:count])
 
 
 def find_instances(views: list[EncodedWindow], points: Float[np.ndarray, "n 3"]) -> list[Instance]:

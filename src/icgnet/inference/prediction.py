@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,7 @@ class Prediction:
         gripper: the hand that the grasps are for.
         input_rows: where each point of `cloud` stands in the flattened input.
         input_shape: shape of the input, (n,) for a cloud and (h, w) for a depth image.
+        left_out: how many windows and objects were not looked at, because there were too many (as in noise).
     """
 
     objects: tuple[DetectedObject, ...]
@@ -103,6 +104,7 @@ class Prediction:
     gripper: Gripper
     input_rows: Int[np.ndarray, "n"]
     input_shape: tuple[int, ...]
+    left_out: dict[str, int] = field(default_factory=dict)
 
     @property
     def instance_mask(self) -> Int[np.ndarray, "*s"]:
@@ -178,6 +180,7 @@ class Prediction:
             "objects": [_object_entry(item) for item in self.objects],
             "grasps": list(self._grasp_entries()),
             "rejected": self.rejected,
+            "left_out": self.left_out,
             "timings_ms": {stage: round(time, 3) for stage, time in self.timings_ms.items()},
         }
 
@@ -335,6 +338,7 @@ def _assemble(
         gripper=load_gripper(folder / GRIPPER_FILE),
         input_rows=rows,
         input_shape=shape,
+        left_out={name: int(_number(count, name, 0.0, math.inf)) for name, count in result["left_out"].items()},
     )
 
 
