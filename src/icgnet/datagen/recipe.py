@@ -66,7 +66,7 @@ SCHEMA = pa.schema(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipeObject:
     """An object of a recipe: key and class in its set, scale, position [m] and wxyz quaternion in the world."""
 
@@ -77,7 +77,7 @@ class RecipeObject:
     quaternion: Float[np.ndarray, "4"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipeContacts:
     """Labelled contacts; bit i of a label belongs to approach angle i.
 

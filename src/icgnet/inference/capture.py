@@ -80,10 +80,9 @@ def read_capture(
         return _depth_capture(path, content, intrinsics, depth_scale, camera_pose, viewpoint)
     if intrinsics or camera_pose:
         raise InputError(f"{path} is a cloud: --intrinsics and --camera-pose are for depth images, give --viewpoint")
-    if viewpoint is None and "viewpoint" in content:
-        viewpoint = content["viewpoint"]
     points = real_array(content["points"], f"points in {path}", (None, 3), finite=False)
-    return PointCloud(points, None if viewpoint is None else position(viewpoint, "viewpoint"), "cloud")
+    eye = content.get("viewpoint") if viewpoint is None else viewpoint
+    return PointCloud(points, None if eye is None else position(eye, "viewpoint"), "cloud")
 
 
 def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:

@@ -39,7 +39,7 @@ class UnusableObjectError(DataError):
         return f"object {self.name!r} cannot be simulated: {self.reason}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Snapshot:
     """The complete state of a world, to go back to with `World.restore`."""
 

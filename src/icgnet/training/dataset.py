@@ -155,7 +155,7 @@ class VisitBatches(Sampler[list[int]]):
             first += self.batch * self.devices
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DrawnContacts:
     """Contacts of one visit in the workspace frame [m]."""
 

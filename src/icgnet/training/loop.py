@@ -107,7 +107,7 @@ def train(
     return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """What an optimiser step did.
 

@@ -32,7 +32,7 @@ class ObjectAssets:
     class_index: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placement:
     """An object of a scene and the map from its own frame at scale 1 to the world."""
 
