@@ -243,3 +243,24 @@ def test_a_wrong_camera_pose_is_named(tmp_path):
 def test_a_mask_says_where_it_is_not_black(tmp_path):
     Image.fromarray(np.eye(4, dtype=np.uint8) * 7).save(tmp_path / "mask.png")
     np.testing.assert_array_equal(read_mask(tmp_path / "mask.png"), np.eye(4, dtype=bool))
+
+
+def test_a_ply_that_holds_fewer_points_than_it_announces_is_cut_short(tmp_path):
+    header = ("ply", "format ascii 1.0", "element vertex 1000000", *(f"property float {axis}" for axis in "xyz"))
+    rows = [f"{n} 0 0" for n in range(300)]
+    (tmp_path / "a.ply").write_text("\n".join([*header, "end_header", *rows, ""]))
+    with pytest.raises(DataError, match="announces 1000000 vertices and holds 300"):
+        read_capture(tmp_path / "a.ply")
+
+
+def test_an_archive_that_is_called_npy_is_named(tmp_path):
+    np.savez(tmp_path / "a.npz", points=np.zeros((200, 3)))
+    (tmp_path / "a.npz").rename(tmp_path / "a.npy")
+    with pytest.raises(DataError, match=r"call it \.npz"):
+        read_capture(tmp_path / "a.npy")
+
+
+def test_a_name_that_no_file_can_have_is_no_file():
+    with pytest.raises(InputError, match="no such calibration file: xxx") as error:
+        read_intrinsics(["x" * 5000])
+    assert len(str(error.value)) < 500

@@ -1,6 +1,7 @@
 """Depth images, clouds and calibrations from the files that cameras and other programs leave behind."""
 
 import json
+import re
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,9 @@ CALIBRATION_SUFFIXES = (".json", ".yaml", ".yml", ".npz", ".mat")
 
 LONGEST_REASON = 300
 """So many characters of what a parser says are repeated in a message."""
+
+PLY_HEADER = 65536
+"""The header of a PLY file is not longer than this [bytes]."""
 
 POINT_KEYS = ("points", "xyz", "pc", "cloud")
 INTRINSICS_KEYS = ("K", "k", "intrinsics", "intrinsic_matrix", "camera_matrix")
@@ -70,8 +74,8 @@ def read_capture(
         InputError: no such file, a kind that is not known, or options that do not fit.
         DataError: the file cannot be read.
     """
-    if not path.is_file():
-        raise InputError(f"no such input file: {path}")
+    if not _is_file(path):
+        raise InputError(f"no such input file: {str(path)[:LONGEST_REASON]}")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"unknown kind of input {path.name!r}; known are {', '.join(SUFFIXES)}")
@@ -168,8 +172,8 @@ def _depth_capture(
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an input file under their names; `depth` for an image, `array` where the file has no names."""
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"no such file: {path}")
+    if not _is_file(path):
+        raise InputError(f"no such file: {str(path)[:LONGEST_REASON]}")
     try:
         if suffix in IMAGE_SUFFIXES:
             with Image.open(path) as image:
@@ -179,7 +183,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         if suffix == ".ply":
             return {"points": _read_ply(path)}
         if suffix == ".npy":
-            return {"array": np.load(path, allow_pickle=False)}
+            return {"array": _read_npy(path)}
         return {"array": np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)}
     except Exception as error:  # there is no end to what the parsers raise on a broken or foreign file
         raise DataError(f"cannot read {path}: {_first_line(error)}") from error
@@ -209,7 +213,20 @@ def _read_ply(path: Path) -> Float[np.ndarray, "n 3"]:
     content = trimesh.load(path, process=False)
     if not isinstance(content, trimesh.PointCloud | trimesh.Trimesh):
         raise ValueError("it has no vertices")
-    return np.asarray(content.vertices, dtype=np.float64)
+    vertices = np.asarray(content.vertices, dtype=np.float64)
+    with path.open("rb") as file:
+        announced = re.search(rb"element vertex (\d+)", file.read(PLY_HEADER))
+    if announced and int(announced[1]) != len(vertices):
+        raise ValueError(f"it announces {int(announced[1])} vertices and holds {len(vertices)}")
+    return vertices
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    content = np.load(path, allow_pickle=False)
+    if not isinstance(content, np.ndarray):
+        content.close()
+        raise ValueError("it is an archive of arrays: call it .npz")
+    return content
 
 
 def _read_npz(path: Path) -> dict[str, np.ndarray]:
@@ -220,8 +237,8 @@ def _read_npz(path: Path) -> dict[str, np.ndarray]:
 def _read_calibration(path: Path) -> Mapping[str, Any]:
     """The entries of a calibration file; a file that is a bare matrix has it under `matrix`."""
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"no such calibration file: {path}")
+    if not _is_file(path):
+        raise InputError(f"no such calibration file: {str(path)[:LONGEST_REASON]}")
     if suffix not in CALIBRATION_SUFFIXES:
         raise InputError(f"unknown kind of calibration {path.name!r}; known are {', '.join(CALIBRATION_SUFFIXES)}")
     try:
@@ -275,6 +292,14 @@ def _numbers(values: Sequence[Any], count: int, usage: str) -> Float[np.ndarray,
     if len(numbers) != count:
         raise InputError(f"{usage}, got {len(numbers)} values: {reprlib.repr(list(values))}")
     return numbers
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that the system cannot even look for is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _first_line(error: BaseException) -> str:

@@ -244,7 +244,9 @@ class Prediction:
             result = json.loads((folder / RESULT_FILE).read_text())
             given = result.get("format") if isinstance(result, dict) else None
             if given != FORMAT:
-                raise DataError(f"{folder / RESULT_FILE} is not of the format {FORMAT!r} but {given!r}: predict again")
+                raise DataError(
+                    f"{folder / RESULT_FILE} is not of the format {FORMAT!r} but {described(given)}: predict again"
+                )
             with np.load(folder / CLOUD_FILE) as saved:
                 cloud_file = dict(saved)
             with np.load(folder / GRASPS_FILE) as saved:
