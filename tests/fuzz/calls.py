@@ -25,7 +25,16 @@ from PIL import Image
 
 import icgnet
 from fuzz.strange import NASTY, break_arrays, break_bytes, break_entries, strange
-from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, read_recipes, write_shard
+from icgnet.datagen.recipe import (
+    FORMAT_VERSION,
+    MANIFEST,
+    Recipe,
+    RecipeContacts,
+    RecipeObject,
+    read_manifest,
+    read_shard,
+    write_shard,
+)
 from icgnet.errors import IcgnetError
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.clouds import PointCloud
@@ -225,13 +234,18 @@ class Calls:
         return Predictor(network, load_gripper(), self.predictor.search).predict_depth(self.depth, self.intrinsics)
 
     def recipes(self, rng: np.random.Generator) -> Any:
-        """The reader of recipes with broken files."""
+        """The readers of recipes and their manifest with broken files."""
         path = self.folder / "recipes"
         path.mkdir(exist_ok=True)
-        (path / "manifest.json").write_text("{}")
-        shutil.copy(self.recipe_file, path)
-        break_bytes(rng, path / self.recipe_file.name)
-        return [recipe.contacts.positions for recipe in read_recipes(path)] and None
+        if rng.random() < 0.3:
+            manifest = {"format_version": FORMAT_VERSION, "objects": {"pile/a": "0"}}
+            (path / MANIFEST).write_text(json.dumps(break_entries(rng, manifest)))
+            read_manifest(path)
+            return None
+        shard = path / self.recipe_file.name
+        shutil.copy(self.recipe_file, shard)
+        break_bytes(rng, shard)
+        return [recipe.contacts.widths for recipe in read_shard(shard)]
 
 
 SHARES: dict[str, float] = {
