@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -146,3 +147,14 @@ def test_a_full_disk_names_the_folder(tmp_path):
     with pytest.raises(DataError, match=r"out: cannot write: No space left"), output_folder(tmp_path / "out", MARKER):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_many_that_write_at_once_all_succeed_and_leave_one_whole_folder(tmp_path):
+    def save(name):
+        for _ in range(10):
+            write(tmp_path / "out", str(name))
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(save, range(4)))
+    assert (tmp_path / "out" / MARKER).read_text() in "0123"
+    assert [item.name for item in tmp_path.iterdir()] == ["out"]

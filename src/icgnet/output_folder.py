@@ -113,7 +113,8 @@ def _clear_remains(path: Path) -> None:
         return
     ours = re.compile(rf"\.{re.escape(path.name)}\.[^.]+{re.escape(SUFFIX)}")
     for scratch in [each for each in path.parent.iterdir() if ours.fullmatch(each.name)]:
-        with suppress(BlockingIOError), _locked(scratch, wait=False):
+        # Alive, or just removed by the one that it belonged to.
+        with suppress(BlockingIOError, FileNotFoundError), _locked(scratch, wait=False):
             if not path.exists():
                 _bring_back(path, scratch)
             _remove(scratch)

@@ -34,7 +34,7 @@ from icgnet.network.weights import load_weights
 DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "default.safetensors"
 MOST_OBJECTS = 64
 """The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
-MOST_RESAMPLED = 10
+MOST_RESAMPLED = 8
 """The largest so many objects are asked for points of their predicted surface."""
 WORLD, CAMERA = "world", "camera"
 """Names of the frames that results are in: a world with z up, unless the caller calls it otherwise, or the camera."""
