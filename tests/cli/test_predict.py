@@ -197,3 +197,17 @@ def test_no_half_written_folder_stays_when_the_picture_fails(files, tmp_path, mo
     monkeypatch.setattr("icgnet.viewer.picture.draw_prediction", full)
     assert predict(files, "view.npz", "--out", str(tmp_path / "out")) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_class_that_is_not_there_is_said_with_those_that_are(files, tmp_path, capsys):
+    path = tmp_path / "all.json"
+    assert predict(files, "view.npz", "--json", str(path), "--frame", "base_link") == 0
+    result = json.loads(path.read_text())
+    assert result["frame_id"] == "base_link"
+    seen = {item["class_name"] for item in result["objects"]}
+    missing = sorted(set(result["classes"]) - seen)[0]
+    capsys.readouterr()
+    assert predict(files, "view.npz", "--json", "-", "--object-class", missing) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["grasps"] == []
+    assert f"no {missing} is seen, but {', '.join(sorted(seen))}" in said.err

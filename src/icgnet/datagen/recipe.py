@@ -184,9 +184,7 @@ def read_manifest(directory: Path) -> dict[str, object]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(f"{path}: broken manifest: {error}") from error
     if version != FORMAT_VERSION:
-        raise DataError(
-            f"{path}: format version {str(version)[:40]}, but this version of icgnet reads {FORMAT_VERSION}"
-        )
+        raise DataError(f"{path}: format version {str(version)[:40]}, but this icgnet reads {FORMAT_VERSION}")
     return manifest
 
 
