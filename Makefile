@@ -1,17 +1,21 @@
 # make demo   install, then find objects and grasps in the bundled capture
 # make test   install, then run the tests
+# make fuzz   10,000 strange calls, each of which must be answered or refused in one line
 # make check  formatting, lint and types
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test check format clean
+.PHONY: demo test fuzz check format clean
 
 demo: .venv/installed
 	$(BIN)/icgnet demo
 
 test: .venv/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+fuzz: .venv/installed-dev
+	PYTHONPATH=tests OMP_NUM_THREADS=1 $(BIN)/python -m fuzz.calls
 
 check: .venv/installed-dev
 	$(BIN)/ruff format --check .

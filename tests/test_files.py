@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from icgnet.errors import DataError
-from icgnet.files import new_file, remove_partial_files, write_json
+from icgnet.files import new_file, remove_partial_files, write_json, write_text
 
 LITTLE_DISK = """
 import resource, sys
@@ -60,7 +60,8 @@ def test_a_system_that_cannot_write_more_leaves_the_old_file_and_no_half_one(tmp
 def test_death_in_the_middle_leaves_no_half_file_under_the_final_name(tmp_path):
     path = tmp_path / "file"
     run(DEATH, path)
-    assert [file.name for file in tmp_path.iterdir()] == ["file.partial"]
+    [partial] = tmp_path.iterdir()
+    assert partial.suffix == ".partial"
     remove_partial_files(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -79,3 +80,29 @@ def test_numbers_that_are_not_finite_become_null(tmp_path):
     write_json(tmp_path / "a.json", {"rate": {"mean": float("nan")}, "rows": [float("inf"), 1.5, "text"]})
     values = json.loads((tmp_path / "a.json").read_text(), parse_constant=lambda name: pytest.fail(name))
     assert values == {"rate": {"mean": None}, "rows": [None, 1.5, "text"]}
+
+
+def test_two_that_write_the_same_file_do_not_meet(tmp_path):
+    path = tmp_path / "file"
+    with new_file(path) as first:
+        first.write(b"first")
+        with new_file(path) as second:
+            second.write(b"second")
+        assert path.read_bytes() == b"second"
+    assert path.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_a_file_is_one_clear_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="cannot write: Not a directory"):
+        write_text(tmp_path / "file" / "a.json", "{}")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX devices")
+def test_text_goes_through_a_device_and_does_not_take_its_place(tmp_path):
+    link = tmp_path / "null"
+    link.symlink_to("/dev/null")
+    write_text(link, "text")
+    assert link.is_symlink()
+    assert list(tmp_path.iterdir()) == [link]

@@ -2,6 +2,8 @@
 
 import copy
 import json
+import pickle
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +14,12 @@ import yaml
 
 from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
-from icgnet.geometry.transforms import invert_transform, transform_points
+from icgnet.geometry.transforms import invert_transform, matrix_to_quaternion, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.grasp_search import GraspSearch
-from icgnet.inference.prediction import NO_INSTANCE, Prediction, load_prediction
+from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import save_weights
 from icgnet.predictor import Predictor
@@ -183,7 +185,7 @@ def test_unknown_classes_and_objects_are_named(in_world):
 
 def test_a_saved_prediction_reads_back(in_camera, tmp_path):
     in_camera.save(tmp_path / "out")
-    loaded = load_prediction(tmp_path / "out")
+    loaded = Prediction.load(tmp_path / "out")
     np.testing.assert_array_equal(loaded.grasps.poses, in_camera.grasps.poses)
     np.testing.assert_array_equal(loaded.grasps.openings, in_camera.grasps.openings)
     np.testing.assert_array_equal(loaded.instance_mask, in_camera.instance_mask)
@@ -259,7 +261,7 @@ def test_classes_are_those_of_the_weights(predictor, in_world, depth, tmp_path):
     old = [predictor.classes.index(item.class_name) for item in in_world.objects]
     assert [names.index(item.class_name) for item in result.objects] == old
     result.save(tmp_path / "out")
-    saved = load_prediction(tmp_path / "out")
+    saved = Prediction.load(tmp_path / "out")
     assert (saved.classes, saved.gripper) == (names, predictor.gripper)
     assert len(saved.of_class("three").grasps) <= len(saved.grasps)
     with pytest.raises(InputError, match="unknown object class 'mug'; the classes are one, two, three"):
@@ -283,7 +285,7 @@ def test_a_hand_that_comes_fully_open_is_reported_and_saved_fully_open(predictor
     assert (result.grasps.openings == widest).all()
     assert {entry["opening"] for entry in result.to_dict()["grasps"]} == {widest}
     result.save(tmp_path / "out")
-    assert (load_prediction(tmp_path / "out").grasps.openings == widest).all()
+    assert (Prediction.load(tmp_path / "out").grasps.openings == widest).all()
 
 
 def test_objects_say_how_sure_the_network_is_of_them(in_world):
@@ -297,7 +299,7 @@ def test_a_prediction_of_an_earlier_version_is_refused(in_camera, tmp_path):
     text = (tmp_path / "result.json").read_text()
     (tmp_path / "result.json").write_text(text.replace("icgnet prediction 3", "icgnet prediction 1"))
     with pytest.raises(DataError, match="prediction 3' but 'icgnet prediction 1': predict again"):
-        load_prediction(tmp_path)
+        Prediction.load(tmp_path)
 
 
 def test_a_search_for_no_grasps_is_refused():
@@ -307,10 +309,10 @@ def test_a_search_for_no_grasps_is_refused():
 
 def test_a_folder_that_is_no_prediction_is_named(tmp_path):
     with pytest.raises(DataError, match=r"not a saved prediction"):
-        load_prediction(tmp_path)
+        Prediction.load(tmp_path)
     (tmp_path / "result.json").write_text('{"format": "other"}')
     with pytest.raises(DataError, match="not of the format"):
-        load_prediction(tmp_path)
+        Prediction.load(tmp_path)
 
 
 def test_weights_load_and_predict_as_the_network_they_came_from(predictor, in_world, depth, tmp_path):
@@ -323,7 +325,7 @@ def test_weights_load_and_predict_as_the_network_they_came_from(predictor, in_wo
 def test_missing_weights_and_wrong_threads_are_named(tmp_path):
     with pytest.raises(DataError, match=r"nowhere\.safetensors"):
         Predictor.load(tmp_path / "nowhere.safetensors")
-    with pytest.raises(InputError, match="threads must be at least 1, got 0"):
+    with pytest.raises(InputError, match="threads must be at least 1 and at most 256, got 0"):
         Predictor.load(threads=0)
 
 
@@ -337,12 +339,12 @@ SHEARED = np.array([[1.0, 0.2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         ({"depth": np.zeros((120, 160))}, "no measured pixel"),
         ({"depth": np.full((120, 160), np.nan)}, "no measured pixel"),
         ({"depth": np.full((120, 160), 500.0)}, "looks like millimetres"),
-        ({"depth": np.full((120, 160, 3), 0.5)}, r"shape \(h, w\), got shape \(120, 160, 3\)"),
+        ({"depth": np.full((120, 160, 3), 0.5)}, r"shape \(h, w\), got \(120, 160, 3\)"),
         ({"intrinsics": np.zeros((3, 3))}, "singular"),
-        ({"intrinsics": np.eye(4)}, r"3 x 3 matrix, got shape \(4, 4\)"),
+        ({"intrinsics": np.eye(4)}, r"shape \(3, 3\), got \(4, 4\)"),
         ({"camera_pose": LEFT_HANDED @ camera_pose()}, "right-handed"),
         ({"camera_pose": SHEARED @ camera_pose()}, "shear"),
-        ({"camera_pose": np.eye(3)}, r"4x4 matrix, got shape \(3, 3\)"),
+        ({"camera_pose": np.eye(3)}, r"shape \(4, 4\), got \(3, 3\)"),
         ({"table_height": 0.05}, "needs a camera_pose"),
         ({"level_table": True, "camera_pose": camera_pose()}, "give camera_pose and table_height"),
         ({"mask": np.ones((3, 4))}, r"\(120, 160\), got \(3, 4\)"),
@@ -362,7 +364,7 @@ def test_wrong_depth_input_is_named(predictor, depth, changes, message):
         (np.zeros((500, 2)), {}, r"\(n, 3\)"),
         (1000 * np.random.default_rng(0).normal(size=(500, 3)), {}, "millimetres"),
         (np.random.default_rng(0).normal(size=(500, 3)), {}, "no table found"),
-        (np.random.default_rng(0).normal(size=(500, 3)), {"viewpoint": (0, 0)}, "three finite numbers"),
+        (np.random.default_rng(0).normal(size=(500, 3)), {"viewpoint": (0, 0)}, "viewpoint must"),
         (np.random.default_rng(0).normal(size=(500, 3)), {"table_height": np.nan}, "table_height"),
     ],
 )
@@ -397,3 +399,136 @@ def test_the_rule_of_the_papers_robot_puts_the_highest_of_the_sure_ones_first(pr
     np.testing.assert_array_equal(result.best().poses, result.highest().poses)
     top = result.grasps.scores > (0.9 if (result.grasps.scores > 0.9).any() else 0.8)
     assert result.best().poses[0, 2, 3] == result.grasps.poses[top, 2, 3].max()
+
+
+@pytest.mark.parametrize("height", [np.nan, np.inf, -np.inf, "0.05", [0.05], 1e6])
+def test_a_table_height_is_a_finite_number(predictor, depth, height):
+    with pytest.raises(InputError, match="table_height"):
+        predictor.predict_depth(depth, INTRINSICS, camera_pose(), table_height=height)
+
+
+@pytest.mark.parametrize("mask", [np.full(SHAPE, "everywhere"), np.full(SHAPE, np.nan), np.ma.masked_all(SHAPE, bool)])
+def test_a_mask_that_says_nothing_is_refused(predictor, depth, mask):
+    with pytest.raises(InputError, match="mask must be"):
+        predictor.predict_depth(depth, INTRINSICS, mask=mask)
+
+
+def test_masked_depth_is_not_measured(predictor, depth):
+    hidden = np.zeros(SHAPE, dtype=bool)
+    hidden[:, :80] = True
+    masked = predictor.predict_depth(np.ma.array(depth, mask=hidden), INTRINSICS, camera_pose())
+    assert not hidden.ravel()[masked.input_rows].any()
+
+
+def test_a_pose_in_millimetres_is_named(predictor, depth):
+    pose = camera_pose()
+    pose[:3, 3] *= 1000.0
+    with pytest.raises(InputError, match="millimetres"):
+        predictor.predict_depth(depth, INTRINSICS, pose)
+
+
+def test_a_pose_may_be_position_and_quaternion_and_the_world_has_any_name(predictor, in_world, depth):
+    pose = camera_pose()
+    numbers = [*pose[:3, 3], *matrix_to_quaternion(pose[:3, :3])]
+    result = predictor.predict_depth(depth, INTRINSICS, numbers, table_height=TABLE_HEIGHT, frame_id="base_link")
+    assert result.frame_id == result.cloud.frame_id == "base_link"
+    np.testing.assert_allclose(result.cloud.points, in_world.cloud.points, atol=1e-9)
+    with pytest.raises(InputError, match="frame_id"):
+        predictor.predict_depth(depth, INTRINSICS, numbers, frame_id="")
+
+
+def test_a_pixel_at_the_end_of_the_world_is_not_measured(predictor, depth):
+    far = depth.copy()
+    far[0, :5] = 1e155
+    assert (predictor.predict_depth(far, INTRINSICS).input_rows >= 5).all()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "0", True, None])
+def test_a_seed_is_a_whole_number(predictor, seed):
+    with pytest.raises(InputError, match="seed must be a whole number"):
+        Predictor(predictor.network, predictor.gripper, seed=seed)
+
+
+def edit_result(folder, change):
+    path = folder / "result.json"
+    result = json.loads(path.read_text())
+    change(result)
+    path.write_text(json.dumps(result))
+
+
+def edit_arrays(folder, name, **changes):
+    with np.load(folder / name) as saved:
+        arrays = dict(saved)
+    np.savez(folder / name, **{**arrays, **changes})
+
+
+EDITS = {
+    "no list of objects": lambda folder: edit_result(folder, lambda result: result.update(objects=3)),
+    "a score of 2": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(score=2.0)),
+    "a score of NaN": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(score=np.nan)),
+    "a class that is a path": lambda folder: edit_result(
+        folder, lambda result: result["objects"][0].update(class_name="../../x")
+    ),
+    "another number": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(instance_id="0")),
+    "a mesh elsewhere": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(mesh="/a.ply")),
+    "a mesh above": lambda folder: edit_result(folder, lambda result: result["objects"][0].update(mesh="../a.ply")),
+    "a frame without name": lambda folder: edit_result(folder, lambda result: result.update(frame_id=None)),
+    "a table that is scaled": lambda folder: edit_result(
+        folder, lambda result: result.update(T_frame_table=np.diag([2.0, 2.0, 2.0, 1.0]).tolist())
+    ),
+    "counts of text": lambda folder: edit_result(folder, lambda result: result.update(rejected={"table": "many"})),
+    "points of text": lambda folder: edit_arrays(folder, "cloud.npz", points=np.full((5, 3), "x")),
+    "rows beyond the input": lambda folder: edit_arrays(folder, "cloud.npz", input_shape=np.array([2, 2])),
+    "fewer scores than grasps": lambda folder: edit_arrays(folder, "grasps.npz", score=np.ones(1)),
+    "instances that are not": lambda folder: edit_arrays(folder, "grasps.npz", instance_id=np.full(1, 99)),
+    "left-handed grasps": lambda folder: edit_arrays(folder, "grasps.npz", grasps=np.diag([1.0, 1, -1, 1])[None]),
+}
+
+
+@pytest.fixture(scope="module")
+def saved_prediction(in_camera, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved") / "out"
+    in_camera.save(folder)
+    return folder
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_a_saved_prediction_that_was_edited_to_nonsense_is_refused(saved_prediction, tmp_path, edit):
+    folder = tmp_path / "out"
+    shutil.copytree(saved_prediction, folder)
+    EDITS[edit](folder)
+    with pytest.raises(DataError, match="not a saved prediction") as error:
+        Prediction.load(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_a_prediction_can_be_pickled_with_its_meshes(in_camera):
+    again = pickle.loads(pickle.dumps(in_camera))
+    np.testing.assert_array_equal(again.grasps.poses, in_camera.grasps.poses)
+    for item, same in zip(in_camera.objects, again.objects, strict=True):
+        np.testing.assert_array_equal(item.mesh().vertices, same.mesh().vertices)
+
+
+def test_class_names_are_no_part_of_a_path(in_camera, tmp_path):
+    item = replace(in_camera.objects[0], class_name="../../a/b")
+    replace(in_camera, objects=(item, *in_camera.objects[1:])).save(tmp_path / "out")
+    assert (tmp_path / "out" / "meshes" / "00_______a_b.ply").is_file()
+
+
+def test_a_region_is_made_of_numbers(in_camera):
+    for corner in ("here", [0.0, np.nan, 0.0], [0.0, 0.0]):
+        with pytest.raises(InputError, match="region"):
+            in_camera.in_region(corner, np.ones(3))
+
+
+def test_of_too_many_objects_and_windows_the_largest_are_looked_at_and_the_rest_is_counted(
+    predictor, wide, monkeypatch
+):
+    assert wide.left_out == {"windows": 0, "objects": 0}
+    monkeypatch.setattr("icgnet.predictor.MOST_OBJECTS", 1)
+    monkeypatch.setattr("icgnet.inference.instances.MOST_VOXELS", 1)
+    pose = camera_pose(0.75)
+    bounded = predictor.predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
+    assert len(bounded.objects) == 1
+    assert bounded.left_out["windows"] > 0
+    assert bounded.to_dict()["left_out"] == bounded.left_out

@@ -3,8 +3,9 @@
 import json
 import math
 import os
+import secrets
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,23 +19,46 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     """A file to write into, which takes the place of `path` when the block ends without an error.
 
     By then it is on the disk and not only in the system's memory, so that a power cut cannot leave an empty file
-    under a final name.
+    under a final name. Until then it has a name of its own, so that two that write the same file do not meet: the
+    one that ends last stays.
 
     Raises:
         DataError: the system cannot write (disk full, no permission); nothing is left behind.
     """
-    partial = path.with_name(path.name + PARTIAL)
+    partial = path.with_name(f"{path.name}.{secrets.token_hex(4)}{PARTIAL}")
     try:
-        with partial.open("wb") as file:
+        with partial.open("xb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, path)
         _sync_folder(path.parent)
     except OSError as error:
-        raise DataError(f"{path}: cannot write: {error.strerror or error}") from error
+        raise cannot_write(path, error) from error
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def cannot_write(path: Path, error: OSError) -> DataError:
+    """The error that says which file or folder the system could not write, and why."""
+    return DataError(f"{path}: cannot write: {error.strerror or error}")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file, whole or not at all; into a device or a pipe, which nothing can take the place of, directly.
+
+    Raises:
+        DataError: the system cannot write.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        try:
+            path.write_text(text)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        return
+    with new_file(path) as file:
+        file.write(text.encode())
 
 
 def write_json(path: Path, values: Mapping[str, object]) -> None:

@@ -9,18 +9,18 @@ from typing import Any, get_args
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from icgnet.errors import DataError, InputError, TableNotFoundError
+from icgnet.geometry.arrays import position, real_array, real_number, truth_array
 from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
-from icgnet.geometry.clouds import PointCloud, check_points
+from icgnet.geometry.clouds import PointCloud, check_points, measured_rows
 from icgnet.geometry.depth_scale import LARGEST_ERROR, levelled_depth
-from icgnet.geometry.transforms import check_transform
+from icgnet.geometry.transforms import check_pose
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
-from icgnet.inference.capture import check_viewpoint
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import Instance, encode_windows, find_instances
 from icgnet.inference.parts import group_parts
@@ -36,6 +36,13 @@ from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
 from icgnet.network.weights_header import DEFAULT_WEIGHTS
 from icgnet.settings import check_choice
+
+MOST_OBJECTS = 64
+"""The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
+MOST_RESAMPLED = 8
+"""The largest so many objects are asked for points of their predicted surface."""
+WORLD, CAMERA = "world", "camera"
+"""Names of the frames that results are in: a world with z up, unless the caller calls it otherwise, or the camera."""
 
 
 class Predictor:
@@ -60,7 +67,7 @@ class Predictor:
         network: IcgNet,
         gripper: Gripper | None = None,
         search: GraspSearch = DEFAULT_SEARCH,
-        seed: int = 0,
+        seed: Any = 0,
         precision: str = "float32",
         device: str | torch.device = "cpu",
     ) -> None:
@@ -69,7 +76,9 @@ class Predictor:
         self.gripper = network.config.gripper if gripper is None else gripper
         network.config.check_hand(self.gripper, "the grasps that are asked for")
         self.search = search
-        self.seed = seed
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+            raise InputError(f"seed must be a whole number of at least 0, got {seed!r}")
+        self.seed = int(seed)
 
     @staticmethod
     def load(
@@ -114,81 +123,87 @@ class Predictor:
         """Names of the object classes that the network knows."""
         return self.network.config.classes
 
-    def predict_cloud(self, points: Any, viewpoint: Any = None, table_height: float | None = None) -> Prediction:
+    def predict_cloud(
+        self, points: Any, viewpoint: Any = None, table_height: Any = None, frame_id: str = WORLD
+    ) -> Prediction:
         """Objects and grasps in a cloud, in the frame of the cloud.
 
         Args:
-            points: [n 3] positions [m]; rows with NaN are ignored. With a viewpoint or a table height the frame is a
-                world with z up, without both it is the camera's (x right, y down, z forward).
+            points: [n 3] positions [m]; rows with NaN, or farther than 1 km away, are ignored. With a viewpoint or a
+                table height the frame is a world with z up, without both it is the camera's (x right, y down, z
+                forward).
             viewpoint: where the camera stood [m]; None when it is not known.
             table_height: height of the table plane [m]; it is found in the cloud if None.
+            frame_id: how the world is called in the result.
 
         Raises:
             InputError: fewer than 100 finite points, not in metres, a broken viewpoint or table height.
             TableNotFoundError: no plane that could be the table.
         """
-        if table_height is not None and not np.isfinite(table_height):
-            raise InputError(f"table_height must be a finite number [m], got {table_height}")
-        finite = check_points(points)
-        array = np.asarray(points, dtype=np.float64)
-        is_camera = viewpoint is None and table_height is None
-        eye = np.zeros(3) if is_camera else None if viewpoint is None else check_viewpoint(viewpoint)
-        rows = np.flatnonzero(np.isfinite(array).all(axis=1))
-        cloud = PointCloud(finite, eye, "camera" if is_camera else "world")
-        return self._predict(cloud, table_height, rows, (len(array),), None)
+        height = None if table_height is None else real_number(table_height, "table_height")
+        array = real_array(points, "points", (None, 3), finite=False)
+        is_camera = viewpoint is None and height is None
+        eye = np.zeros(3) if is_camera else None if viewpoint is None else position(viewpoint, "viewpoint")
+        cloud = PointCloud(check_points(array), eye, CAMERA if is_camera else _check_frame(frame_id))
+        return self._predict(cloud, not is_camera, height, measured_rows(array), (len(array),), None)
 
     def predict_depth(
         self,
         depth: Any,
         intrinsics: Any,
         camera_pose: Any = None,
-        table_height: float | None = None,
+        table_height: Any = None,
         mask: Any = None,
         level_table: bool = False,
+        frame_id: str = WORLD,
     ) -> Prediction:
         """Objects and grasps in a depth image: in the world if the camera's pose is given, else in the camera frame.
 
         Args:
             depth: [h w] distance along the camera's z axis [m]; 0 or NaN where nothing was measured.
             intrinsics: [3 3] camera matrix [pixels].
-            camera_pose: T_world_camera, z up in the world; None when it is not known.
+            camera_pose: T_world_camera, z up in the world, as a [4 4] matrix or as the seven numbers x y z [m] qw qx qy
+                qz; None when it is not known.
             table_height: height of the table plane in the world [m]; it is found in the image if None.
             mask: [h w] true where objects may be; everywhere if None.
             level_table: whether the depth is multiplied with what brings the table to its known height, for cameras
                 whose depth scale drifts, by up to 15 %; needs `camera_pose` and `table_height`, and a picture in which
                 most of what is level is table.
+            frame_id: how the world is called in the result.
 
         Raises:
-            InputError: wrong shapes or unit, singular intrinsics, a pose that is not rigid or left-handed, a pose
-                that does not make the table level, or a table that shall be levelled without its height.
+            InputError: values that are no numbers, wrong shapes or unit, singular intrinsics, a pose that is not rigid
+                or left-handed or does not make the table level, or a table that shall be levelled without its height.
             TableNotFoundError: no plane that could be the table, or none near its known height to level.
         """
         if table_height is not None and camera_pose is None:
             raise InputError("table_height is a height in the world: it needs a camera_pose")
-        image, K = check_depth(np.asarray(depth)), check_intrinsics(np.asarray(intrinsics))
-        pose = None if camera_pose is None else check_transform(_matrix(camera_pose), "camera_pose")
+        height = None if table_height is None else real_number(table_height, "table_height")
+        image, K = check_depth(depth), check_intrinsics(intrinsics)
+        pose = None if camera_pose is None else check_pose(camera_pose, "camera_pose")
+        allowed = None if mask is None else truth_array(mask, "mask", image.shape).ravel()
         if level_table:
-            if pose is None or table_height is None:
+            if pose is None or height is None:
                 raise InputError("level_table needs to know where the table is: give camera_pose and table_height")
-            levelled = levelled_depth(image, K, pose, table_height)
+            levelled = levelled_depth(image, K, pose, height)
             if levelled is None:
                 raise TableNotFoundError(
-                    f"level_table: too little of a table is seen at height {table_height:g} m, or the depth is off by "
+                    f"level_table: too little of a table is seen at height {height:g} m, or the depth is off by "
                     f"more than {LARGEST_ERROR:.0%}"
                 )
             image = levelled
-        rays = pixel_rays(K, image.shape)
-        rows = np.flatnonzero(np.isfinite(image))
-        allowed = _check_mask(mask, image.shape)
-        points = rays.reshape(-1, 3)[rows] * image.reshape(-1, 1)[rows]
-        cloud = PointCloud(check_points(points), np.zeros(3), "camera")
+        points = (pixel_rays(K, image.shape) * image[..., None]).reshape(-1, 3)
+        rows = measured_rows(points)
+        cloud = PointCloud(check_points(points), np.zeros(3), CAMERA)
         if pose is not None:
-            cloud = cloud.transformed(pose, "world")
-        return self._predict(cloud, table_height, rows, image.shape, None if allowed is None else allowed[rows])
+            cloud = cloud.transformed(pose, _check_frame(frame_id))
+        chosen = None if allowed is None else allowed[rows]
+        return self._predict(cloud, pose is not None, height, rows, image.shape, chosen)
 
     def _predict(
         self,
         cloud: PointCloud,
+        is_level: bool,
         table_height: float | None,
         input_rows: Int[np.ndarray, "n"],
         input_shape: tuple[int, ...],
@@ -201,13 +216,15 @@ class Predictor:
         # Two streams, so that finding the table does not change which contacts are drawn.
         for_table, for_contacts = map(np.random.default_rng, np.random.SeedSequence(self.seed).spawn(2))
         clock = _Clock()
-        tabletop = find_tabletop(cloud, table_height, for_table, cloud.frame_id == "world", mask)
+        tabletop = find_tabletop(cloud, table_height, for_table, is_level, mask)
         points = tabletop.cloud.points
         windows = cover(points[tabletop.standing], fewest=FEWEST_VOXELS)
         clock.lap("input")
 
         views = encode_windows(self.network, tabletop, windows, self.in_bfloat16)
-        instances = find_instances(views, points)
+        found = find_instances(views, points)
+        instances = found[:MOST_OBJECTS]
+        left_out = {"windows": len(windows) - len(views), "objects": len(found) - len(instances)}
         shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
         parts = np.arange(len(instances))
         if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and len(windows) > 1):
@@ -228,6 +245,7 @@ class Predictor:
             classes=self.classes,
             input_rows=input_rows,
             input_shape=input_shape,
+            left_out=left_out,
         )
         clock.lap("select")
         return result
@@ -252,7 +270,7 @@ class Predictor:
             enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= wanted
             if enough or not self.search.resample or len(rounds) == 2:
                 return ranked(Grasps.concatenate(rounds), self.search.select), dict(rejected)
-            contacts = surface_contacts(shapes, self.search.contacts, rng)
+            contacts = surface_contacts(shapes[:MOST_RESAMPLED], self.search.contacts, rng)
 
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""
@@ -301,17 +319,7 @@ def _labels(instances: list[Instance], parts: Int[np.ndarray, "i"], count: int) 
     return labels
 
 
-def _matrix(camera_pose: Any) -> Float[np.ndarray, "4 4"]:
-    pose = np.asarray(camera_pose, dtype=np.float64)
-    if pose.shape != (4, 4):
-        raise InputError(f"camera_pose must be a 4x4 matrix, got shape {pose.shape}")
-    return pose
-
-
-def _check_mask(mask: Any, shape: tuple[int, ...]) -> Bool[np.ndarray, "n"] | None:
-    if mask is None:
-        return None
-    array = np.asarray(mask)
-    if array.shape != shape:
-        raise InputError(f"mask must have the shape of the depth image {shape}, got {array.shape}")
-    return array.astype(bool).ravel()
+def _check_frame(frame_id: str) -> str:
+    if not isinstance(frame_id, str) or not frame_id.strip():
+        raise InputError(f"frame_id must be the name of a frame, got {frame_id!r}")
+    return frame_id

@@ -32,7 +32,12 @@ def test_a_missing_capture_is_named(tmp_path, capsys, monkeypatch):
 def test_a_folder_of_sound_meshes_passes(tmp_path, capsys):
     trimesh.creation.box([0.05, 0.04, 0.03]).export(tmp_path / "brick.ply")
     assert main(["objects", "check", str(tmp_path), "--units", "m"]) == 0
-    assert "1 objects: 1 ok" in capsys.readouterr().out
+    captured = capsys.readouterr()
+    assert "1 objects: 1 ok" in captured.out
+    assert 'write "units: m" into' in captured.err
+    (tmp_path / "objects.yaml").write_text("units: m")
+    assert main(["objects", "check", str(tmp_path)]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_a_broken_mesh_is_listed_and_exits_with_2(tmp_path, capsys):

@@ -146,8 +146,8 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
         "hand that the weights do not know": ([view, "--gripper", str(folder / "wide.yaml")], "know only 'franka'"),
         "table of a cloud levelled": ([str(folder / "ball.npy"), "--level-table"], "--level-table is for depth images"),
         "table levelled without its height": ([*metric, "--level-table"], "give camera_pose and table_height"),
-        "no threads": ([view, "--threads", "0"], "threads must be at least 1, got 0"),
-        "score above 1": ([view, "--min-score", "3"], "between 0 and 1, got 3"),
+        "no threads": ([view, "--threads", "0"], "threads must be at least 1 and at most 256, got 0"),
+        "score above 1": ([view, "--min-score", "3"], "at least 0 and at most 1, got 3"),
     }
 
 
@@ -200,3 +200,17 @@ def test_no_half_written_folder_stays_when_the_picture_fails(files, tmp_path, mo
     monkeypatch.setattr("icgnet.viewer.picture.draw_prediction", full)
     assert predict(files, "view.npz", "--out", str(tmp_path / "out")) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_class_that_is_not_there_is_said_with_those_that_are(files, tmp_path, capsys):
+    path = tmp_path / "all.json"
+    assert predict(files, "view.npz", "--json", str(path), "--frame", "base_link") == 0
+    result = json.loads(path.read_text())
+    assert result["frame_id"] == "base_link"
+    seen = {item["class_name"] for item in result["objects"]}
+    missing = sorted(set(result["classes"]) - seen)[0]
+    capsys.readouterr()
+    assert predict(files, "view.npz", "--json", "-", "--object-class", missing) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["grasps"] == []
+    assert f"no {missing} is seen, but {', '.join(sorted(seen))}" in said.err

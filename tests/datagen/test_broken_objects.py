@@ -15,6 +15,7 @@ from icgnet.datagen.label_scene import LabelSettings
 from icgnet.datagen.recipe import read_recipes
 from icgnet.datagen.usable_objects import NAMED
 from icgnet.errors import DataError, InputError
+from icgnet.simulation import world
 
 GEOMETRY = "<visual><geometry>{0}</geometry></visual><collision><geometry>{0}</geometry></collision>"
 GOOD = ("brick", "post", "tile")
@@ -160,3 +161,22 @@ def test_the_command_line_warns_of_each_object_that_is_left_out(broken, tmp_path
     error = capsys.readouterr().err
     assert error.count("is left out") == 5
     assert "warning: pile/lost is left out: " in error
+
+
+def test_an_object_that_cannot_be_simulated_is_named_and_left_out_while_the_rest_goes_on(
+    objects, tmp_path, monkeypatch, caplog
+):
+    add_objects = world.add_objects
+
+    def with_a_flat_one(spec, bodies, physics, movable):
+        add_objects(spec, bodies, physics, movable)
+        for index, body in enumerate(bodies):
+            if body.model.name == "pile/brick":
+                mesh = spec.mesh(f"mesh_{index}_0")
+                mesh.uservert = np.array(mesh.uservert).reshape(-1, 3).dot(np.diag([1.0, 1.0, 1e-12])).ravel()
+
+    monkeypatch.setattr(world, "add_objects", with_a_flat_one)
+    generate(tmp_path / "out", config_for(objects, scenes=6))
+    names = {placed.name for recipe in read_recipes(tmp_path / "out") for placed in recipe.objects}
+    assert names == {"pile/post", "pile/tile"}
+    assert "object 'pile/brick' cannot be simulated: " in caplog.text

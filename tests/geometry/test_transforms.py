@@ -92,7 +92,7 @@ def test_valid_transform_passes_the_check():
         (np.diag([1.0, 1.0, -1.0, 1.0]), "right-handed"),
         (np.diag([2.0, 2.0, 2.0, 1.0]), "scale or shear"),
         (np.array([[1, 0.2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), "scale or shear"),
-        (np.array([[1, 0, 0, np.nan], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), "non-finite"),
+        (np.array([[1, 0, 0, np.nan], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), "must be finite"),
         (np.vstack([np.eye(4)[:3], [0, 0, 0.5, 1]]), "must end with the row"),
     ],
 )

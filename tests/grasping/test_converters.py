@@ -207,3 +207,11 @@ def test_contact_and_angle_are_found_again_from_the_pose(polar, azimuth, width):
     found = grasps_from_poses(poses, widths, openings, np.ones(12), np.zeros(12, dtype=int), franka.finger_reach)
     assert found.angles.tolist() == list(range(12))
     assert np.allclose(found.contacts, contact, atol=1e-12)
+
+
+def test_moveit_retreats_from_the_table_also_in_the_camera_frame():
+    grasps = random_grasps(0)
+    with pytest.raises(InputError, match="give up"):
+        to_moveit(grasps, franka, "camera")
+    message = to_moveit(grasps, franka, "camera", up=np.array([0.0, -2.0, 0.0]))[0]
+    assert message["post_grasp_retreat"]["direction"]["vector"] == {"x": 0.0, "y": -1.0, "z": 0.0}

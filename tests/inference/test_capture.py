@@ -14,7 +14,6 @@ from icgnet.geometry.camera import look_at
 from icgnet.geometry.clouds import PointCloud
 from icgnet.inference.capture import (
     DepthCapture,
-    check_viewpoint,
     read_camera_pose,
     read_capture,
     read_intrinsics,
@@ -81,7 +80,7 @@ def test_wrong_intrinsics_are_named(source, message):
 def test_a_file_without_camera_matrix_is_named(tmp_path, text):
     path = tmp_path / "camera.json"
     path.write_text(text)
-    with pytest.raises((DataError, InputError), match=r"camera\.json|3 x 3"):
+    with pytest.raises((DataError, InputError), match=r"camera\.json|\(3, 3\)"):
         read_intrinsics([str(path)])
 
 
@@ -104,7 +103,7 @@ def test_a_viewpoint_does_not_belong_to_a_depth_image(millimetres):
 
 def test_a_colour_image_is_no_depth_image(tmp_path):
     Image.new("RGB", (64, 48)).save(tmp_path / "color.png")
-    with pytest.raises(InputError, match=r"one image.*\(48, 64, 3\)"):
+    with pytest.raises(InputError, match=r"h, w\).*\(48, 64, 3\)"):
         read_capture(tmp_path / "color.png", NUMBERS)
 
 
@@ -180,11 +179,31 @@ def test_a_ply_without_points_is_named(tmp_path):
         read_capture(tmp_path / "a.ply")
 
 
-def test_a_viewpoint_is_three_numbers():
-    with pytest.raises(InputError, match=r"three finite numbers.*here"):
-        check_viewpoint("here")
-    with pytest.raises(InputError, match="three finite numbers"):
-        check_viewpoint([0.0, 1.0])
+def test_a_calibration_with_aliases_is_refused_before_they_multiply(tmp_path):
+    lines = ["a0: &a0 [1, 1]"] + [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 40)]
+    (tmp_path / "bomb.yaml").write_text("\n".join([*lines, "K: *a39"]))
+    with pytest.raises(DataError, match="aliases") as error:
+        read_intrinsics([str(tmp_path / "bomb.yaml")])
+    assert len(str(error.value)) < 1000
+
+
+def test_a_pose_of_seven_numbers_is_position_and_quaternion(tmp_path):
+    numbers = ["0.1", "0.2", "0.8", "0", "1", "0", "0"]
+    pose = read_camera_pose(numbers)
+    np.testing.assert_allclose(pose, [[1, 0, 0, 0.1], [0, -1, 0, 0.2], [0, 0, -1, 0.8], [0, 0, 0, 1]], atol=1e-12)
+    with pytest.raises(InputError, match="length 1, got length 2"):
+        read_camera_pose(["0", "0", "0", "2", "0", "0", "0"])
+    with pytest.raises(InputError, match="looks like millimetres"):
+        read_camera_pose(["100", "200", "800", "0", "1", "0", "0"])
+
+
+def test_arrays_of_text_are_no_capture(tmp_path):
+    np.savez(tmp_path / "a.npz", depth=np.full((20, 20), "far"), K=np.eye(3))
+    with pytest.raises(InputError, match=r"depth in .*a\.npz must be real numbers"):
+        read_capture(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", points=np.full((20, 3), "far"))
+    with pytest.raises(InputError, match=r"points in .*b\.npz must be real numbers"):
+        read_capture(tmp_path / "b.npz")
 
 
 def test_pickles_are_not_opened(tmp_path):
@@ -224,3 +243,24 @@ def test_a_wrong_camera_pose_is_named(tmp_path):
 def test_a_mask_says_where_it_is_not_black(tmp_path):
     Image.fromarray(np.eye(4, dtype=np.uint8) * 7).save(tmp_path / "mask.png")
     np.testing.assert_array_equal(read_mask(tmp_path / "mask.png"), np.eye(4, dtype=bool))
+
+
+def test_a_ply_that_holds_fewer_points_than_it_announces_is_cut_short(tmp_path):
+    header = ("ply", "format ascii 1.0", "element vertex 1000000", *(f"property float {axis}" for axis in "xyz"))
+    rows = [f"{n} 0 0" for n in range(300)]
+    (tmp_path / "a.ply").write_text("\n".join([*header, "end_header", *rows, ""]))
+    with pytest.raises(DataError, match="announces 1000000 vertices and holds 300"):
+        read_capture(tmp_path / "a.ply")
+
+
+def test_an_archive_that_is_called_npy_is_named(tmp_path):
+    np.savez(tmp_path / "a.npz", points=np.zeros((200, 3)))
+    (tmp_path / "a.npz").rename(tmp_path / "a.npy")
+    with pytest.raises(DataError, match=r"call it \.npz"):
+        read_capture(tmp_path / "a.npy")
+
+
+def test_a_name_that_no_file_can_have_is_no_file():
+    with pytest.raises(InputError, match="no such calibration file: xxx") as error:
+        read_intrinsics(["x" * 5000])
+    assert len(str(error.value)) < 500

@@ -6,7 +6,10 @@ import trimesh
 
 from icgnet.errors import DataError
 from icgnet.objects import decomposition
+from icgnet.objects.model import THINNEST
 from icgnet.objects.object_set import SPLITS, load_object_set
+from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.world import World
 
 
 def write_meshes(folder: Path, *names: str, size: float = 50.0) -> None:
@@ -115,10 +118,28 @@ def test_hollow_mesh_is_cut_into_pieces_once(tmp_path: Path, monkeypatch: pytest
     assert len(load_object_set(tmp_path, units="m").model("l").parts) == len(parts)
 
 
-def test_without_coacd_the_hull_is_used_with_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_coacd_the_hull_is_used_and_a_notice_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(__import__("sys").modules, "coacd", None)
     letter_l().export(tmp_path / "l.stl")
-    with pytest.warns(UserWarning, match="CoACD is not installed"):
-        parts = load_object_set(tmp_path, units="m").model("l").parts
+    objects = load_object_set(tmp_path, units="m")
+    assert any("CoACD is not installed" in notice for notice in objects.notices())
+    parts = objects.model("l").parts
     assert len(parts) == 1
     assert parts[0].volume > 1.2 * letter_l().volume
+
+
+def test_slivers_of_a_decomposition_are_thickened_also_those_that_are_stored(tmp_path: Path, monkeypatch):
+    cube = trimesh.creation.box((0.05, 0.05, 0.05)).vertices
+    flat = cube * [1.0, 1.0, 0.0]
+    needle = cube * [1.0, 1e-9, 1e-9]
+    monkeypatch.setattr(decomposition, "_run_coacd", lambda _: [cube, flat, needle])
+    letter_l().export(tmp_path / "l.stl")
+    fresh = load_object_set(tmp_path, units="m").model("l")
+    monkeypatch.setattr(decomposition, "_run_coacd", None)
+    for model in (fresh, load_object_set(tmp_path, units="m").model("l")):
+        extents = np.sort([part.extents for part in model.parts])
+        np.testing.assert_allclose(extents[0], 0.05)
+        np.testing.assert_allclose(extents[1], [THINNEST, 0.05, 0.05], atol=1e-9)
+        np.testing.assert_allclose(extents[2], [THINNEST, THINNEST, 0.05], atol=1e-9)
+        assert all(part.is_watertight for part in model.parts)
+        World([Body(model, 0.7, np.eye(4))], Physics())

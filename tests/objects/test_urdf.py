@@ -6,6 +6,13 @@ import pytest
 from icgnet.errors import DataError
 from icgnet.objects.urdf import read_convex_groups, read_urdf_object
 
+BOTH = "<visual><geometry>{0}</geometry></visual><collision><geometry>{0}</geometry></collision>"
+NAME = "x" * 5000
+
+
+def linked(shape: str) -> str:
+    return f"<robot><link>{BOTH.format(shape)}</link></robot>"
+
 
 def test_each_group_becomes_one_convex_piece(tmp_path: Path, write_object):
     model = read_urdf_object(write_object(tmp_path, "cube"), "cube", "box")
@@ -53,6 +60,13 @@ def test_scale_origin_and_primitives_are_applied(tmp_path: Path, write_object):
         ("<robot><link><visual><geometry><mesh filename='no.obj'/></geometry></visual></link></robot>", "missing mesh"),
         ("<robot><link><visual><geometry><box size='1 2'/></geometry></visual></link></robot>", "not three numbers"),
         ("<robot><link><visual><geometry><sphere/></geometry></visual></link></robot>", "not a number"),
+        (linked('<box size="-1 1 1"/>'), "must be positive"),
+        (linked('<sphere radius="nan"/>'), "must be positive"),
+        (linked('<box size="50 60 100"/>'), "100 m: are the units right"),
+        (linked('<mesh filename="../cube.obj"/>'), "in the folder"),
+        (linked('<mesh filename="a/../../cube.obj"/>'), "in the folder"),
+        (linked('<mesh filename="file:///cube.obj"/>'), "in the folder"),
+        (linked(f'<mesh filename="{NAME}.obj"/>'), "name too long"),
         ("<robot><link><visual><geometry><capsule/></geometry></visual></link></robot>", "unknown geometry <capsule>"),
         ("<robot><link><visual><geometry><box size='1 1 1'/></geometry></visual></link></robot>", "no <collision>"),
     ],

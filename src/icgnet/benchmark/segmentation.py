@@ -26,7 +26,7 @@ SAME = 0.5
 """A predicted and a true object are the same when their points overlap by more than this (IoU)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Labelling:
     """An answer about the points of a cloud.
 
@@ -56,7 +56,7 @@ class TrueObject:
     alternative: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Truth:
     """What the points of a cloud really lie on.
 

@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from icgnet.cli.notices import print_notice
 from icgnet.errors import DataError
 
 
@@ -29,7 +30,7 @@ class Objects:
         Raises:
             DataError: some objects cannot be used.
         """
-        from icgnet.objects.check import check_objects
+        from icgnet.objects.check import check_objects, missing_units
 
         reports = check_objects(self.directory, self.units)
         console = Console()
@@ -41,5 +42,7 @@ class Objects:
             console.print(table)
         counts = Counter(report.status for report in reports)
         console.print(f"{len(reports)} objects: {counts['ok']} ok, {counts['warning']} doubtful")
+        if missing_units(self.directory):
+            print_notice(f'before generating, write "units: {self.units}" into {self.directory / "objects.yaml"}')
         if counts["broken"]:
             raise DataError(f"{counts['broken']} of {len(reports)} objects in {self.directory} cannot be used")

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.console import Console
 
+from icgnet.cli.notices import print_notice
 from icgnet.cli.report import print_tables, with_median_timings, with_meshes, write_folder
 from icgnet.errors import InputError
+from icgnet.files import write_text
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.output_folder import check_replaceable
 
@@ -40,7 +42,10 @@ class Predict:
     depth_scale: float = 1.0
     """Depth units per metre: 1000 for millimetres."""
     camera_pose: tuple[str, ...] = ()
-    """File with the 4x4 matrix T_world_camera (OpenCV axes, world z up), or its 16 numbers row by row."""
+    """T_world_camera (OpenCV axes, world z up): a file with the 4x4 matrix, its 16 numbers row by row, or the 7 numbers
+    x y z [m] qw qx qy qz."""
+    frame: str = "world"
+    """How the world is called in the result."""
     viewpoint: tuple[float, float, float] | None = None
     """Where the camera stood, in the frame of the cloud [m]."""
     table_height: float | None = None
@@ -101,16 +106,18 @@ class Predict:
 
         def predict_once() -> "Prediction":
             if isinstance(capture, DepthCapture):
-                return predictor.predict_depth(
-                    capture.depth, capture.intrinsics, capture.camera_pose, self.table_height, mask, self.level_table
-                )
-            return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height)
+                given = (capture.depth, capture.intrinsics, capture.camera_pose, self.table_height, mask)
+                return predictor.predict_depth(*given, level_table=self.level_table, frame_id=self.frame)
+            return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height, self.frame)
 
         return with_median_timings([with_meshes(predict_once()) for _ in range(self.repeat)])
 
     def _choose(self, result: "Prediction") -> "Prediction":
         """The prediction with the grasps that were asked for."""
         if self.object_class is not None:
+            seen = sorted({item.class_name for item in result.objects})
+            if self.object_class not in seen:
+                print_notice(f"no {self.object_class} is seen, but {', '.join(seen) or 'no object at all'}")
             result = result.of_class(self.object_class)
         if self.instance is not None:
             result = result.of_instance(self.instance)
@@ -126,7 +133,7 @@ class Predict:
             if self.json == STDOUT:
                 sys.stdout.write(text + "\n")
                 return
-            Path(self.json).write_text(text + "\n")
+            write_text(Path(self.json), text + "\n")
         console = Console()
         print_tables(result, console)
         if out is not None:

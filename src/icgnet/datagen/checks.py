@@ -47,7 +47,7 @@ NEIGHBOURS = 2
 """A grasp counts as the safer, the more of the this many next angles on either side succeed too."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measured:
     """What one check measured.
 

@@ -1,19 +1,24 @@
 """From a random stream to one labelled scene."""
 
+import logging
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
-from icgnet.errors import InputError
+from icgnet.errors import DataError, InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.base import FileObjectSet
 from icgnet.objects.object_set import Kind, ObjectSet, Split
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Jitter, Trials
+from icgnet.simulation.world import UnusableObjectError
+
+_LOG = logging.getLogger(__name__)
 
 MAX_EMPTY_SCENES = 100  # this many scenes without any object in a row mean that the object set is unusable
 
@@ -71,9 +76,25 @@ def label_scene(
 ) -> Recipe:
     """A random scene with labelled contacts.
 
+    Objects that the physics engine cannot take are left out, with a line in the log, and the scene is begun anew.
+
     Raises:
         InputError: the object set has no objects for this kind and split, or none that stay in the workspace.
+        DataError: the files of an object are broken, or the engine cannot take one that was made here.
     """
+    while True:
+        try:
+            return _label(scene_id, seed, kind, split, object_set, gripper, settings)
+        except UnusableObjectError as error:
+            if not isinstance(object_set, FileObjectSet):
+                raise DataError(str(error)) from error
+            _LOG.warning("warning: %s; left out of scene %d", error, scene_id)
+            object_set = object_set.without({error.name: error.reason})
+
+
+def _label(
+    scene_id: int, seed: int, kind: Kind, split: Split, object_set: ObjectSet, gripper: Gripper, settings: LabelSettings
+) -> Recipe:
     rng = scene_rng(seed, scene_id)
     scene = _spawn(kind, object_set, split, rng, settings)
     contacts = sample_contacts([world_mesh(placed, object_set) for placed in scene.objects], settings.contacts, rng)

@@ -4,10 +4,13 @@ Camera frame as in OpenCV: x right, y down, z forward. Pixel centres have intege
 looks along ((u - cx) / fx, (v - cy) / fy, 1).
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Real
 
 from icgnet.errors import InputError
+from icgnet.geometry.arrays import real_array
 from icgnet.geometry.transforms import make_transform
 
 DEFAULT_SHAPE = (480, 640)
@@ -17,9 +20,13 @@ DEFAULT_INTRINSICS.setflags(write=False)
 # A table-top camera stands between these distances [m]; a median outside of them is the wrong unit.
 NEAREST_MEDIAN = 0.02
 FARTHEST_MEDIAN = 20.0
+FARTHEST_PIXEL = 1000.0
+"""Beyond this [m] a sensor has not measured anything."""
+SHORTEST_FOCAL, LARGEST_INTRINSIC = 1.0, 1e6
+"""Cameras have focal lengths and centres between these [pixels]."""
 
 
-def check_intrinsics(intrinsics: Real[np.ndarray, "..."]) -> Float[np.ndarray, "3 3"]:
+def check_intrinsics(intrinsics: Any) -> Float[np.ndarray, "3 3"]:
     """Intrinsics as float64, after checking that they describe a pinhole camera.
 
     Args:
@@ -29,22 +36,23 @@ def check_intrinsics(intrinsics: Real[np.ndarray, "..."]) -> Float[np.ndarray, "
         InputError: another shape, values that are not finite, a focal length that is not positive (which includes
             every singular matrix), or numbers where the zeros and the one belong.
     """
-    matrix = np.asarray(intrinsics, dtype=np.float64)
-    if matrix.shape != (3, 3):
-        raise InputError(f"intrinsics must be a 3 x 3 matrix, got shape {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise InputError(f"intrinsics must be finite, got {matrix.tolist()}")
+    matrix = real_array(intrinsics, "intrinsics", (3, 3))
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise InputError(
             f"intrinsics must have focal lengths above 0 pixels (else they are singular), "
             f"got fx = {matrix[0, 0]:g}, fy = {matrix[1, 1]:g}"
+        )
+    if matrix[0, 0] < SHORTEST_FOCAL or matrix[1, 1] < SHORTEST_FOCAL or np.abs(matrix).max() > LARGEST_INTRINSIC:
+        raise InputError(
+            f"intrinsics must be in pixels, focal lengths from {SHORTEST_FOCAL:g} and nothing above "
+            f"{LARGEST_INTRINSIC:g}, got {matrix.tolist()}"
         )
     if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], (0, 0, 0, 1)):
         raise InputError(f"intrinsics must be ((fx, skew, cx), (0, fy, cy), (0, 0, 1)), got {matrix.tolist()}")
     return matrix
 
 
-def metric_depth(raw: Real[np.ndarray, "..."], scale: float) -> Float[np.ndarray, "..."]:
+def metric_depth(raw: Any, scale: float) -> Float[np.ndarray, "h w"]:
     """Depth in metres from the stored values of a sensor.
 
     Args:
@@ -52,26 +60,27 @@ def metric_depth(raw: Real[np.ndarray, "..."], scale: float) -> Float[np.ndarray
         scale: stored units per metre (1000 for millimetres).
 
     Raises:
-        InputError: a scale that is not a positive number.
+        InputError: a scale that is not a positive number, or no image of real numbers.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"depth scale must be a positive number of units per metre (1000 for mm), got {scale}")
-    return np.asarray(raw, dtype=np.float64) / scale
+    with np.errstate(over="ignore"):
+        return real_array(raw, "depth", (None, None), finite=False) / scale
 
 
-def check_depth(depth: Real[np.ndarray, "..."]) -> Float[np.ndarray, "h w"]:
-    """Depth [m] as float64 with NaN wherever nothing was measured (0, negative or not finite).
+def check_depth(depth: Any) -> Float[np.ndarray, "h w"]:
+    """Depth [m] as float64 with NaN wherever nothing was measured.
+
+    That is where it is 0, negative, masked, not finite or beyond `FARTHEST_PIXEL`.
 
     Args:
         depth: [h w] distance along the camera's z axis [m].
 
     Raises:
-        InputError: not an image with one channel, no pixel measured, or a median that shows another unit.
+        InputError: not an image with one channel of real numbers, no pixel measured, or a median that shows another
+            unit.
     """
-    image = np.asarray(depth)
-    if image.ndim != 2:
-        raise InputError(f"depth must be an image of shape (h, w), got shape {image.shape}")
-    image = image.astype(np.float64)
+    image = real_array(depth, "depth", (None, None), finite=False)
     image[~(np.isfinite(image) & (image > 0))] = np.nan
     measured = image[~np.isnan(image)]
     if measured.size == 0:
@@ -83,6 +92,7 @@ def check_depth(depth: Real[np.ndarray, "..."]) -> Float[np.ndarray, "h w"]:
         )
     if median < NEAREST_MEDIAN:
         raise InputError(f"median depth is {median:g} m, nearer than any camera sees: was the scale applied twice?")
+    image[image > FARTHEST_PIXEL] = np.nan
     return image
 
 

@@ -8,10 +8,15 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from icgnet.errors import InputError
+from icgnet.geometry.arrays import real_array
 from icgnet.geometry.transforms import transform_points
 
 # A cloud whose typical point is farther than this from the middle [m] is in millimetres.
 LARGEST_SPREAD = 10.0
+# One whose typical point is nearer than this to the middle [m] is in kilometres, or one point many times.
+SMALLEST_SPREAD = 0.001
+FARTHEST_POINT = 1000.0
+"""Points farther than this from the origin of their frame [m] were not measured."""
 # Fewer neighbours than this do not span a plane.
 FEWEST_NEIGHBOURS = 3
 UP = np.array([0.0, 0.0, 1.0])
@@ -45,33 +50,42 @@ class PointCloud:
 
 
 def check_points(points: Any, minimum: int = 100) -> Float[np.ndarray, "n 3"]:
-    """The finite rows of a cloud as float64.
+    """The measured rows of a cloud as float64.
 
     Args:
-        points: [n 3] positions [m]; rows with NaN or infinity are dropped.
+        points: [n 3] positions [m]; rows with NaN, infinity or masked entries, and those farther than 1 km
+            away, are dropped.
         minimum: how many finite points there must be.
 
     Raises:
         InputError: no numbers, another shape, fewer than `minimum` finite points, or a cloud that is not in metres.
     """
-    try:
-        cloud = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"points must be numbers of shape (n, 3): {error}") from error
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise InputError(f"points must have shape (n, 3), got {cloud.shape}")
+    cloud = real_array(points, "points", (None, 3), finite=False)
     finite = cloud[np.isfinite(cloud).all(axis=1)]
-    if len(finite) < minimum:
-        raise InputError(
-            f"cloud has {len(finite)} finite points (of {len(cloud)} given), at least {minimum} are needed"
-        )
     sample = finite[:: max(1, len(finite) // 1000)]
-    if len(sample) and (spread := np.median(np.abs(sample - np.median(sample, axis=0)).max(axis=1))) > LARGEST_SPREAD:
+    if len(finite) >= minimum and len(sample):
+        spread = np.median(np.abs(sample - np.median(sample, axis=0)).max(axis=1))
+        if spread > LARGEST_SPREAD:
+            raise InputError(
+                f"half of the points are more than {spread:g} m from the middle of the cloud, "
+                "which looks like millimetres: divide by 1000"
+            )
+        if spread < SMALLEST_SPREAD:
+            raise InputError(
+                f"half of the points are within {spread:g} m of the middle of the cloud, nearer than any camera sees: "
+                "are the points in metres?"
+            )
+    measured = cloud[measured_rows(cloud)]
+    if len(measured) < minimum:
         raise InputError(
-            f"half of the points are more than {spread:g} m from the middle of the cloud, "
-            "which looks like millimetres: divide by 1000"
+            f"cloud has {len(measured)} finite points (of {len(cloud)} given), at least {minimum} are needed"
         )
-    return finite
+    return measured
+
+
+def measured_rows(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "m"]:
+    """Rows of the points that were measured: finite and within `FARTHEST_POINT` of the origin."""
+    return np.flatnonzero((np.abs(points) < FARTHEST_POINT).all(axis=1))
 
 
 def crop(

@@ -1,8 +1,6 @@
 """Signed-distance grids of meshes: who is inside whom, and by how much."""
 
 import hashlib
-import os
-import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,8 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float16, Int
 from scipy import ndimage
 from scipy.spatial import KDTree
+
+from icgnet.files import new_file
 
 PITCH = 0.0015
 """Distance between neighbouring nodes [m], of all but thin-walled things."""
@@ -78,14 +78,8 @@ class SignedDistanceGrid:
     def save(self, path: Path) -> None:
         """Writes the grid as npz; the file appears whole or not at all."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".partial")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(file, origin=self.origin, pitch=self.pitch, values=self.values)
-            os.replace(partial, path)
-        except BaseException:
-            Path(partial).unlink(missing_ok=True)
-            raise
+        with new_file(path) as file:
+            np.savez_compressed(file, origin=self.origin, pitch=self.pitch, values=self.values)
 
     @classmethod
     def load(cls, path: Path) -> "SignedDistanceGrid":

@@ -1,10 +1,16 @@
 """Rigid transforms as 4 x 4 matrices. `T_a_b` maps coordinates in frame b to frame a; quaternions are wxyz."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from icgnet.errors import InputError
+from icgnet.geometry.arrays import check_near, real_array
+
+UNIT_TOLERANCE = 1e-2
+"""Quaternions whose length differs from 1 by more than this are no rotations, or in another order."""
 
 
 def make_transform(
@@ -70,7 +76,7 @@ def random_rotation(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
     return quaternion_to_matrix(quaternion / np.linalg.norm(quaternion))
 
 
-def check_transform(transform: Float[np.ndarray, "4 4"], name: str) -> Float[np.ndarray, "4 4"]:
+def check_transform(transform: Any, name: str) -> Float[np.ndarray, "4 4"]:
     """The transform as float64, after making sure that it is rigid and right-handed.
 
     Args:
@@ -78,22 +84,50 @@ def check_transform(transform: Float[np.ndarray, "4 4"], name: str) -> Float[np.
         name: how the caller calls it, for the message.
 
     Raises:
-        InputError: wrong shape, non-finite entries, a bottom row other than (0, 0, 0, 1), or a rotation part that is
-            scaled, sheared or left-handed.
+        InputError: no numbers, wrong shape, non-finite entries, a bottom row other than (0, 0, 0, 1), or a rotation
+            part that is scaled, sheared or left-handed.
     """
-    T = np.asarray(transform, float)
-    if T.shape != (4, 4):
-        raise InputError(f"{name} must be a 4x4 matrix, got shape {T.shape}")
-    if not np.isfinite(T).all():
-        raise InputError(f"{name} has non-finite entries: {T.round(3).tolist()}")
+    T = real_array(transform, name, (4, 4))
     if not np.allclose(T[3], [0, 0, 0, 1], atol=1e-6):
         raise InputError(f"{name} must end with the row (0, 0, 0, 1), got {T[3].tolist()}")
     R = T[:3, :3]
-    error = np.abs(R.T @ R - np.eye(3)).max()
-    if error > 1e-3:
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = np.abs(R.T @ R - np.eye(3)).max()
+    if not error <= 1e-3:
         raise InputError(
             f"{name} must have an orthonormal rotation, but R^T R differs from 1 by {error:.3g} (scale or shear)"
         )
     if np.linalg.det(R) < 0:
         raise InputError(f"{name} must be right-handed, but its rotation has determinant {np.linalg.det(R):.3f}")
     return T
+
+
+def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
+    """The pose of a camera as a 4 x 4 matrix.
+
+    Args:
+        pose: 4 x 4 matrix, or the seven numbers x y z [m] qw qx qy qz of a position and a unit quaternion.
+        name: how the caller calls it, for the message.
+
+    Raises:
+        InputError: neither of both, see `check_transform`, a quaternion that is not of length 1, or a translation that
+            looks like millimetres.
+    """
+    if np.shape(_or_nothing(pose)) == (7,):
+        numbers = real_array(pose, name, (7,))
+        length = float(np.linalg.norm(numbers[3:]))
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise InputError(f"{name} must have a quaternion qw qx qy qz of length 1, got length {length:.3g}")
+        T = make_transform(quaternion_to_matrix(numbers[3:]), numbers[:3])
+    else:
+        T = check_transform(pose, name)
+    check_near(T[:3, 3], f"{name}: the camera")
+    return T
+
+
+def _or_nothing(value: Any) -> Any:
+    """The value if its shape can be told, else nothing."""
+    try:
+        return np.asanyarray(value)
+    except Exception:  # whoever converts it next says what is wrong with it
+        return ()

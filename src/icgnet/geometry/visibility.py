@@ -56,7 +56,7 @@ def visibility_grid(
     return value.astype(np.float32).reshape(cells, cells, cells)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _VirtualCamera:
     """A pinhole camera with a square image that looks at the workspace.
 

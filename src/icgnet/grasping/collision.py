@@ -45,7 +45,7 @@ class Reason(IntEnum):
     POINTS = 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Collisions:
     """What the hand meets at each grasp.
 
@@ -228,7 +228,7 @@ def _hits_objects(
     return hit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _HandBoxes:
     """The boxes of a hand as arrays, in the grasp frame.
 
@@ -253,7 +253,7 @@ class _HandBoxes:
         return self.closed + openings[:, None, None] * self.slides
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _SamplePoints:
     """Points on a part of the hand: where they are when it is closed [m], and how far they move per metre."""
 

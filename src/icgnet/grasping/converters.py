@@ -143,11 +143,12 @@ def to_moveit(
     T_base_parent: Float[np.ndarray, "4 4"] = T_PANDA_HAND_LINK8,
     approach: float = 0.05,
     lift: float = 0.10,
+    up: Float[np.ndarray, "3"] | None = None,
 ) -> list[dict[str, Any]]:
     """Messages moveit_msgs/Grasp as plain dictionaries with the message's field names (ROS 2).
 
     Args:
-        grasps: grasps in the frame `frame_id`, whose z axis points up.
+        grasps: grasps in the frame `frame_id`.
         gripper: gives the base link and the force.
         frame_id: name of the frame of the grasps.
         hand_frame: a link whose z axis is the approach direction.
@@ -156,7 +157,15 @@ def to_moveit(
             pose of that link; the default is the Franka arm's panda_link8.
         approach: length of the approach [m].
         lift: length of the retreat, upwards [m].
+        up: direction away from the table in the frame `frame_id`, `prediction.T_frame_table[:3, 2]`; its z axis if
+            None.
+
+    Raises:
+        InputError: grasps in the camera frame, whose z axis points at the table, without `up`.
     """
+    if up is None and frame_id == "camera":
+        raise InputError("in the camera frame z points at the table: give up, prediction.T_frame_table[:3, 2]")
+    away = (0.0, 0.0, 1.0) if up is None else up / np.linalg.norm(up)
     poses = grasps.poses @ gripper.T_grasp_base @ T_base_parent
     quaternions = matrix_to_quaternion(poses[:, :3, :3])
     return [
@@ -173,7 +182,7 @@ def to_moveit(
             },
             "grasp_quality": float(grasps.scores[index]),
             "pre_grasp_approach": _translation(hand_frame, (0.0, 0.0, 1.0), approach),
-            "post_grasp_retreat": _translation(frame_id, (0.0, 0.0, 1.0), lift),
+            "post_grasp_retreat": _translation(frame_id, away, lift),
             "post_place_retreat": _translation(hand_frame, (0.0, 0.0, -1.0), approach),
             "max_contact_force": float(gripper.finger_force),
             "allowed_touch_objects": [],
@@ -263,7 +272,9 @@ def _posture(joint_names: Sequence[str], opening: float, effort: float | None) -
     return {"header": _header(""), "joint_names": list(joint_names), "points": [point]}
 
 
-def _translation(frame_id: str, direction: tuple[float, float, float], distance: float) -> dict[str, Any]:
+def _translation(
+    frame_id: str, direction: Float[np.ndarray, "3"] | tuple[float, float, float], distance: float
+) -> dict[str, Any]:
     """A GripperTranslation that may stop at half of its length [m]."""
     return {
         "direction": {"header": _header(frame_id), "vector": _named(direction)},

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grasps:
     """Parallel-jaw grasps in one frame: approach +z, closing axis +y, origin midway between the finger tips.
 

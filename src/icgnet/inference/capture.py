@@ -1,6 +1,8 @@
 """Depth images, clouds and calibrations from the files that cameras and other programs leave behind."""
 
 import json
+import re
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +16,21 @@ from jaxtyping import Bool, Float, Real
 from PIL import Image
 
 from icgnet.errors import DataError, InputError
+from icgnet.geometry.arrays import position, real_array
 from icgnet.geometry.camera import check_intrinsics, metric_depth
 from icgnet.geometry.clouds import PointCloud
-from icgnet.geometry.transforms import check_transform
+from icgnet.geometry.transforms import check_pose
 
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff")
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv")
 SUFFIXES = (*IMAGE_SUFFIXES, ".npz", ".npy", ".ply", *TEXT_SUFFIXES)
 CALIBRATION_SUFFIXES = (".json", ".yaml", ".yml", ".npz", ".mat")
+
+LONGEST_REASON = 300
+"""So many characters of what a parser says are repeated in a message."""
+
+PLY_HEADER = 65536
+"""The header of a PLY file is not longer than this [bytes]."""
 
 POINT_KEYS = ("points", "xyz", "pc", "cloud")
 INTRINSICS_KEYS = ("K", "k", "intrinsics", "intrinsic_matrix", "camera_matrix")
@@ -65,8 +74,8 @@ def read_capture(
         InputError: no such file, a kind that is not known, or options that do not fit.
         DataError: the file cannot be read.
     """
-    if not path.is_file():
-        raise InputError(f"no such input file: {path}")
+    if not _is_file(path):
+        raise InputError(f"no such input file: {str(path)[:LONGEST_REASON]}")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"unknown kind of input {path.name!r}; known are {', '.join(SUFFIXES)}")
@@ -75,9 +84,9 @@ def read_capture(
         return _depth_capture(path, content, intrinsics, depth_scale, camera_pose, viewpoint)
     if intrinsics or camera_pose:
         raise InputError(f"{path} is a cloud: --intrinsics and --camera-pose are for depth images, give --viewpoint")
-    if viewpoint is None and "viewpoint" in content:
-        viewpoint = content["viewpoint"].tolist()
-    return PointCloud(content["points"], None if viewpoint is None else check_viewpoint(viewpoint), "cloud")
+    points = real_array(content["points"], f"points in {path}", (None, 3), finite=False)
+    eye = content.get("viewpoint") if viewpoint is None else viewpoint
+    return PointCloud(points, None if eye is None else position(eye, "viewpoint"), "cloud")
 
 
 def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
@@ -93,21 +102,6 @@ def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
     if mask.ndim != 2:
         raise InputError(f"mask {path} must have one channel, got shape {mask.shape}")
     return mask != 0
-
-
-def check_viewpoint(viewpoint: Any) -> Float[np.ndarray, "3"]:
-    """The viewpoint as float64.
-
-    Raises:
-        InputError: not three finite numbers.
-    """
-    try:
-        position = np.asarray(viewpoint, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"viewpoint must be three finite numbers x y z [m], got {viewpoint!r}") from error
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise InputError(f"viewpoint must be three finite numbers x y z [m], got {np.asarray(viewpoint).tolist()}")
-    return position
 
 
 def read_intrinsics(source: Sequence[str]) -> Float[np.ndarray, "3 3"]:
@@ -127,15 +121,18 @@ def read_intrinsics(source: Sequence[str]) -> Float[np.ndarray, "3 3"]:
 
 
 def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
-    """T_world_camera from 16 numbers, row by row, or from a file (npy, txt, JSON, YAML, npz, mat).
+    """T_world_camera from 16 numbers, row by row, from 7, x y z [m] qw qx qy qz, or from a file with either.
+
+    Files are npy, txt, JSON, YAML, npz or mat.
 
     Raises:
-        InputError: neither of both, or not a rigid right-handed transform.
+        InputError: none of these, not a rigid right-handed transform, or not in metres.
         DataError: the file cannot be read or holds no pose.
     """
     if len(source) != 1:
-        numbers = _numbers(source, 16, "--camera-pose takes 16 numbers (T_world_camera row by row) or one file")
-        return _checked_pose(numbers.reshape(4, 4), "camera pose")
+        usage = "--camera-pose takes 16 numbers (T_world_camera row by row), 7 (x y z qw qx qy qz) or one file"
+        numbers = _numbers(source, 7 if len(source) == 7 else 16, usage)
+        return check_pose(numbers if len(numbers) == 7 else numbers.reshape(4, 4), "camera pose")
     path = Path(source[0])
     if path.suffix.lower() in (".npy", ".txt"):
         matrix = _read_arrays(path)["array"]
@@ -144,7 +141,7 @@ def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
         matrix = next((content[key] for key in POSE_KEYS if key in content), content.get("matrix"))
     if matrix is None:
         raise DataError(f"{path} holds no camera pose under any of {', '.join(POSE_KEYS)}")
-    return _checked_pose(matrix, f"camera pose in {path}")
+    return check_pose(matrix, f"camera pose in {path}")
 
 
 def _depth_capture(
@@ -167,17 +164,16 @@ def _depth_capture(
     if camera_pose:
         pose = read_camera_pose(camera_pose)
     elif "camera_pose" in content:
-        pose = _checked_pose(content["camera_pose"], f"camera_pose in {path}")
-    if content["depth"].ndim != 2:
-        raise InputError(f"depth in {path} must be one image of shape (h, w), got shape {content['depth'].shape}")
-    return DepthCapture(metric_depth(content["depth"], depth_scale), matrix, pose)
+        pose = check_pose(content["camera_pose"], f"camera_pose in {path}")
+    depth = real_array(content["depth"], f"depth in {path}", (None, None), finite=False)
+    return DepthCapture(metric_depth(depth, depth_scale), matrix, pose)
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an input file under their names; `depth` for an image, `array` where the file has no names."""
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"no such file: {path}")
+    if not _is_file(path):
+        raise InputError(f"no such file: {str(path)[:LONGEST_REASON]}")
     try:
         if suffix in IMAGE_SUFFIXES:
             with Image.open(path) as image:
@@ -187,7 +183,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         if suffix == ".ply":
             return {"points": _read_ply(path)}
         if suffix == ".npy":
-            return {"array": np.load(path, allow_pickle=False)}
+            return {"array": _read_npy(path)}
         return {"array": np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)}
     except Exception as error:  # there is no end to what the parsers raise on a broken or foreign file
         raise DataError(f"cannot read {path}: {_first_line(error)}") from error
@@ -217,7 +213,20 @@ def _read_ply(path: Path) -> Float[np.ndarray, "n 3"]:
     content = trimesh.load(path, process=False)
     if not isinstance(content, trimesh.PointCloud | trimesh.Trimesh):
         raise ValueError("it has no vertices")
-    return np.asarray(content.vertices, dtype=np.float64)
+    vertices = np.asarray(content.vertices, dtype=np.float64)
+    with path.open("rb") as file:
+        announced = re.search(rb"element vertex (\d+)", file.read(PLY_HEADER))
+    if announced and int(announced[1]) != len(vertices):
+        raise ValueError(f"it announces {int(announced[1])} vertices and holds {len(vertices)}")
+    return vertices
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    content = np.load(path, allow_pickle=False)
+    if not isinstance(content, np.ndarray):
+        content.close()
+        raise ValueError("it is an archive of arrays: call it .npz")
+    return content
 
 
 def _read_npz(path: Path) -> dict[str, np.ndarray]:
@@ -228,8 +237,8 @@ def _read_npz(path: Path) -> dict[str, np.ndarray]:
 def _read_calibration(path: Path) -> Mapping[str, Any]:
     """The entries of a calibration file; a file that is a bare matrix has it under `matrix`."""
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"no such calibration file: {path}")
+    if not _is_file(path):
+        raise InputError(f"no such calibration file: {str(path)[:LONGEST_REASON]}")
     if suffix not in CALIBRATION_SUFFIXES:
         raise InputError(f"unknown kind of calibration {path.name!r}; known are {', '.join(CALIBRATION_SUFFIXES)}")
     try:
@@ -237,10 +246,18 @@ def _read_calibration(path: Path) -> Mapping[str, Any]:
             return _read_npz(path)
         if suffix == ".mat":
             return scipy.io.loadmat(path)
-        content = json.loads(path.read_text()) if suffix == ".json" else yaml.safe_load(path.read_text())
+        text = path.read_text()
+        content = json.loads(text) if suffix == ".json" else _parse_yaml(text)
     except Exception as error:
         raise DataError(f"cannot read {path}: {_first_line(error)}") from error
     return content if isinstance(content, dict) else {"matrix": content}
+
+
+def _parse_yaml(text: str) -> Any:
+    """The content of a YAML text without aliases, by which a few bytes can mean gigabytes."""
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+        raise ValueError("aliases (*name) are not allowed here")
+    return yaml.safe_load(text)
 
 
 def _find_intrinsics(content: Mapping[str, Any], source: str) -> Float[np.ndarray, "3 3"]:
@@ -254,8 +271,8 @@ def _find_intrinsics(content: Mapping[str, Any], source: str) -> Float[np.ndarra
         raise DataError(f"{source} holds no camera matrix under any of {', '.join(INTRINSICS_KEYS)}, nor fx fy cx cy")
     try:
         matrix = np.asarray(entry, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"the camera matrix in {source} is not made of numbers: {entry!r}") from error
+    except Exception as error:  # ragged, text, endless: there is no end to what a file can hold
+        raise DataError(f"the camera matrix in {source} is not made of numbers") from error
     if matrix.shape == (9,):
         # Open3D writes columns, ROS rows: the row (0, 0, 1) is the last in both.
         matrix = matrix.reshape(3, 3) if matrix[6] == matrix[7] == 0 else matrix.reshape(3, 3).T
@@ -267,25 +284,24 @@ def _pinhole(numbers: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
     return check_intrinsics(np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
 
 
-def _checked_pose(matrix: Any, name: str) -> Float[np.ndarray, "4 4"]:
-    try:
-        pose = np.asarray(matrix, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not made of numbers") from error
-    if pose.shape != (4, 4):
-        raise InputError(f"{name} must be a 4x4 matrix, got shape {pose.shape}")
-    return check_transform(pose, name)
-
-
 def _numbers(values: Sequence[Any], count: int, usage: str) -> Float[np.ndarray, "count"]:
     try:
         numbers = np.array([float(value) for value in values])
     except (TypeError, ValueError) as error:
-        raise InputError(f"{usage}, got {list(values)}") from error
+        raise InputError(f"{usage}, got {reprlib.repr(list(values))}") from error
     if len(numbers) != count:
-        raise InputError(f"{usage}, got {len(numbers)} values: {list(values)}")
+        raise InputError(f"{usage}, got {len(numbers)} values: {reprlib.repr(list(values))}")
     return numbers
 
 
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that the system cannot even look for is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+    line = (str(error).splitlines() or [type(error).__name__])[0]
+    return line if len(line) <= LONGEST_REASON else line[:LONGEST_REASON] + "..."

@@ -16,6 +16,9 @@ from icgnet.network.instances import select_instances
 
 BATCH = 4
 """Windows that are encoded at once."""
+MOST_VOXELS = 100_000
+"""Of windows with more voxels together, those with the fewest points are left out: a table of 20 windows has so many,
+and noise that fills space has more."""
 SAME_IOU = 0.5
 """Two windows mean the same object when, of the points that both hold, their instances share more than this part."""
 DUPLICATE_OVERLAP = 0.5
@@ -66,7 +69,10 @@ class Instance:
 def encode_windows(
     network: IcgNet, tabletop: Tabletop, windows: list[Window], bfloat16: bool = False
 ) -> list[EncodedWindow]:
-    """Embeddings of all windows that hold points; `bfloat16` computes the U-Nets in 16 bits."""
+    """Embeddings of the windows that hold points; of more than `MOST_VOXELS`, those with most points.
+
+    `bfloat16` computes the U-Nets in 16 bits.
+    """
     standing = tabletop.cloud.points[tabletop.standing]
     inside = [tabletop.standing[window.inside(standing)] for window in windows]
     filled = [(window, rows) for window, rows in zip(windows, inside, strict=True) if len(rows)]
@@ -78,6 +84,8 @@ def encode_windows(
         eye = None if viewpoint is None else window.to_window(viewpoint)
         visibility = None if eye is None else visibility_grid(window.to_window(above), eye)
         prepared.append(make_scene_input(points, network.config, visibility, eye))
+    affordable = _affordable([len(rows) for _, rows in filled], [len(scene.voxels) for scene, _ in prepared])
+    filled, prepared = [filled[index] for index in affordable], [prepared[index] for index in affordable]
     embeddings = []
     for start in range(0, len(prepared), BATCH):
         scenes = [scene.to(network.device) for scene, _ in prepared[start : start + BATCH]]
@@ -87,6 +95,14 @@ def encode_windows(
         EncodedWindow(window, rows, point_to_voxel, embedding, network.config.classes)
         for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
     ]
+
+
+def _affordable(points: list[int], voxels: list[int]) -> list[int]:
+    """The windows that are looked at, in their order: by points, as many as `MOST_VOXELS` allows, one at least."""
+    order = sorted(range(len(points)), key=lambda index: -points[index])
+    total = np.cumsum([voxels[index] for index in order])
+    count = max(1, int((total <= MOST_VOXELS).sum()))
+    return sorted(order[:count])
 
 
 def find_instances(views: list[EncodedWindow], points: Float[np.ndarray, "n 3"]) -> list[Instance]:

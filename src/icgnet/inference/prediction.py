@@ -1,19 +1,23 @@
 """What the predictor found in a scene, and how it is written to a folder and read back."""
 
 import json
+import math
+import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int, Real
+from jaxtyping import Float, Int
 from PIL import Image
 
-from icgnet.errors import DataError, IcgnetError, InputError
+from icgnet.errors import DataError, InputError
+from icgnet.geometry.arrays import described, real_array, real_number
 from icgnet.geometry.clouds import PointCloud
+from icgnet.geometry.transforms import check_transform
 from icgnet.grasping import selection
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.grasps import Grasps
@@ -28,6 +32,8 @@ CLOUD_FILE = "cloud.npz"
 MASK_FILE = "mask.png"
 PICTURE_FILE = "picture.png"
 MESH_FOLDER = "meshes"
+LARGEST_SIDE = 10**8
+"""No input has more points, or pixels in a row."""
 
 NO_INSTANCE = -1
 """Instance id of points that belong to no object: the table, noise, things that the network left out."""
@@ -61,6 +67,10 @@ class DetectedObject:
     def _mesh(self) -> trimesh.Trimesh:
         return self.extract()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything with the mesh itself in place of the network that makes it: so objects can be pickled."""
+        return self.__dict__ | {"extract": _KnownMesh(self.mesh())}
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -69,8 +79,8 @@ class Prediction:
     Attributes:
         objects: the objects, numbered from 0.
         grasps: collision-free grasps, best first.
-        frame_id: "world" when the camera's pose (of a cloud: its viewpoint) or the table's height was given, else
-            "camera".
+        frame_id: "world", or what the caller calls it, when the camera's pose (of a cloud: its viewpoint) or the
+            table's height was given, else "camera".
         rejected: how many candidate grasps were dropped, by reason.
         timings_ms: time per stage [ms].
         cloud: the measured points, and the viewpoint if it is known.
@@ -80,6 +90,7 @@ class Prediction:
         classes: names of all classes that the weights know.
         input_rows: where each point of `cloud` stands in the flattened input.
         input_shape: shape of the input, (n,) for a cloud and (h, w) for a depth image.
+        left_out: how many windows and objects were not looked at, because there were too many (as in noise).
     """
 
     objects: tuple[DetectedObject, ...]
@@ -94,6 +105,7 @@ class Prediction:
     classes: tuple[str, ...]
     input_rows: Int[np.ndarray, "n"]
     input_shape: tuple[int, ...]
+    left_out: dict[str, int] = field(default_factory=dict)
 
     @property
     def instance_mask(self) -> Int[np.ndarray, "*s"]:
@@ -131,13 +143,16 @@ class Prediction:
         instance_classes = {item.instance_id: item.class_name for item in self.objects}
         return replace(self, grasps=selection.of_class(self.grasps, class_name, instance_classes))
 
-    def in_region(self, lower: Real[np.ndarray, "3"], upper: Real[np.ndarray, "3"]) -> "Prediction":
-        """The same prediction with the grasps in a box only, in the frame of the prediction [m].
+    def in_region(self, lower: Any, upper: Any) -> "Prediction":
+        """The same prediction with the grasps in a box only, its corners [3] in the frame of the prediction [m].
 
         Raises:
-            InputError: a lower coordinate that is above the upper one.
+            InputError: no three numbers each, NaN, or a lower coordinate that is above the upper one.
         """
-        return replace(self, grasps=selection.in_region(self.grasps, lower, upper))
+        corners = [real_array(corner, "corner of the region", (3,), finite=False) for corner in (lower, upper)]
+        if np.isnan(corners).any():
+            raise InputError(f"corners of the region must be numbers, got {lower} and {upper}")
+        return replace(self, grasps=selection.in_region(self.grasps, *corners))
 
     def distinct(self, limit: int | None = None) -> "Prediction":
         """The same prediction without grasps that hardly differ from a better one, `limit` at most."""
@@ -167,6 +182,7 @@ class Prediction:
             "objects": [_object_entry(item) for item in self.objects],
             "grasps": list(self._grasp_entries()),
             "rejected": self.rejected,
+            "left_out": self.left_out,
             "timings_ms": {stage: round(time, 3) for stage, time in self.timings_ms.items()},
         }
 
@@ -215,6 +231,33 @@ class Prediction:
         with output_folder(Path(path), RESULT_FILE, overwrite) as folder:
             self.write(folder)
 
+    @staticmethod
+    def load(path: str | Path) -> "Prediction":
+        """The prediction that `save` wrote.
+
+        Raises:
+            DataError: not such a folder, one of another version, or a file in it is missing, broken or edited to
+                something that no prediction holds.
+        """
+        folder = Path(path)
+        try:
+            result = json.loads((folder / RESULT_FILE).read_text())
+            given = result.get("format") if isinstance(result, dict) else None
+            if given != FORMAT:
+                raise DataError(
+                    f"{folder / RESULT_FILE} is not of the format {FORMAT!r} but {described(given)}: predict again"
+                )
+            with np.load(folder / CLOUD_FILE) as saved:
+                cloud_file = dict(saved)
+            with np.load(folder / GRASPS_FILE) as saved:
+                grasp_file = dict(saved)
+            return _assemble(folder, result, cloud_file, grasp_file)
+        except DataError:
+            raise
+        except Exception as error:  # there is no end to what a broken file can raise
+            reason = " ".join(str(error).split())[:300]
+            raise DataError(f"{folder} is not a saved prediction: {type(error).__name__} {reason}") from error
+
     def _grasp_entries(self) -> Iterator[dict[str, Any]]:
         grasps = self.grasps
         for g in range(len(grasps)):
@@ -232,7 +275,8 @@ class Prediction:
 
 
 def _mesh_path(item: DetectedObject) -> str:
-    return f"{MESH_FOLDER}/{item.instance_id:02d}_{item.class_name}.ply"
+    class_name = re.sub(r"[^A-Za-z0-9_-]", "_", item.class_name)
+    return f"{MESH_FOLDER}/{item.instance_id:02d}_{class_name[:60]}.ply"
 
 
 def _object_entry(item: DetectedObject) -> dict[str, Any]:
@@ -248,68 +292,101 @@ def _object_entry(item: DetectedObject) -> dict[str, Any]:
     }
 
 
-def load_prediction(path: str | Path) -> Prediction:
-    """The prediction that `Prediction.save` wrote.
-
-    Raises:
-        DataError: not such a folder, one of another version, or a file in it is missing or broken.
-    """
-    folder = Path(path)
-    try:
-        result = json.loads((folder / RESULT_FILE).read_text())
-        given = result.get("format") if isinstance(result, dict) else None
-        if given != FORMAT:
-            raise DataError(f"{folder / RESULT_FILE} is not of the format {FORMAT!r} but {given!r}: predict again")
-        with np.load(folder / CLOUD_FILE) as saved:
-            cloud_file = dict(saved)
-        with np.load(folder / GRASPS_FILE) as saved:
-            grasp_file = dict(saved)
-        return _assemble(folder, result, cloud_file, grasp_file)
-    except IcgnetError:
-        raise
-    except Exception as error:  # there is no end to what a broken file can raise
-        raise DataError(f"{folder} is not a saved prediction: {type(error).__name__} {error}") from error
-
-
 def _assemble(
     folder: Path, result: dict[str, Any], cloud_file: dict[str, np.ndarray], grasp_file: dict[str, np.ndarray]
 ) -> Prediction:
-    viewpoint = cloud_file["viewpoint"]
-    points = cloud_file["points"].astype(np.float64)
-    instances = cloud_file["instance_id"].astype(np.int64)
-    objects = [
-        DetectedObject(
-            instance_id=entry["instance_id"],
-            score=entry["score"],
-            class_name=entry["class_name"],
-            class_score=entry["class_score"],
-            points=points[instances == entry["instance_id"]],
-            extract=_MeshFile(folder / entry["mesh"]),
-        )
-        for entry in result["objects"]
-    ]
+    """The prediction of files whose content may be anything; every value is checked.
+
+    Raises:
+        IcgnetError, KeyError, TypeError, ValueError: a value is missing, or none that a prediction holds.
+    """
+    frame_id, objects = result["frame_id"], result["objects"]
+    _require(isinstance(frame_id, str) and frame_id, "frame_id", frame_id)
+    _require(isinstance(objects, list), "objects", objects)
+    points = real_array(cloud_file["points"], "points", (None, 3))
+    shape = tuple(_whole(cloud_file["input_shape"], "input_shape", (None,), 1, LARGEST_SIDE).tolist())
+    _require(len(shape) in (1, 2), "input_shape", shape)
+    rows = _whole(cloud_file["input_row"], "input_row", (len(points),), 0, math.prod(shape) - 1)
+    instances = _whole(cloud_file["instance_id"], "instance_id", (len(points),), NO_INSTANCE, len(objects) - 1)
+    viewpoint = real_array(cloud_file["viewpoint"], "viewpoint", (3,), finite=False)
     return Prediction(
-        objects=tuple(objects),
-        grasps=Grasps(
-            poses=grasp_file["grasps"],
-            widths=grasp_file["width"],
-            openings=grasp_file["opening"],
-            scores=grasp_file["score"],
-            instances=grasp_file["instance_id"],
-            contacts=grasp_file["contact"],
-            angles=grasp_file["angle"],
+        objects=tuple(
+            _object(folder, entry, number, result["classes"], points[instances == number])
+            for number, entry in enumerate(objects)
         ),
-        frame_id=result["frame_id"],
-        rejected=result["rejected"],
-        timings_ms=result["timings_ms"],
-        cloud=PointCloud(points, None if np.isnan(viewpoint).any() else viewpoint, result["frame_id"]),
+        grasps=_grasps(grasp_file, len(objects)),
+        frame_id=frame_id,
+        rejected={name: int(_number(count, name, 0.0, math.inf)) for name, count in result["rejected"].items()},
+        timings_ms={name: _number(time, name, 0.0, math.inf) for name, time in result["timings_ms"].items()},
+        cloud=PointCloud(points, None if np.isnan(viewpoint).any() else viewpoint, frame_id),
         cloud_instances=instances,
-        T_frame_table=np.array(result["T_frame_table"]),
+        T_frame_table=check_transform(result["T_frame_table"], "T_frame_table"),
         gripper=Gripper.from_dict(result["gripper"]),
         classes=check_class_list(result["classes"]),
-        input_rows=cloud_file["input_row"].astype(np.int64),
-        input_shape=tuple(int(size) for size in cloud_file["input_shape"]),
+        input_rows=rows,
+        input_shape=shape,
+        left_out={name: int(_number(count, name, 0.0, math.inf)) for name, count in result["left_out"].items()},
     )
+
+
+def _object(
+    folder: Path, entry: dict[str, Any], number: int, classes: list[str], points: Float[np.ndarray, "n 3"]
+) -> DetectedObject:
+    _require(entry["instance_id"] == number, f"instance_id of object {number}", entry["instance_id"])
+    _require(entry["class_name"] in classes, f"class_name of object {number}", entry["class_name"])
+    _require(len(points) > 0, f"points of object {number}", "none")
+    mesh = folder / entry["mesh"]
+    _require(mesh.resolve().is_relative_to(folder.resolve()), f"mesh of object {number} (outside of the folder)", mesh)
+    return DetectedObject(
+        instance_id=number,
+        score=_number(entry["score"], "score", 0.0, 1.0),
+        class_name=entry["class_name"],
+        class_score=_number(entry["class_score"], "class_score", 0.0, 1.0),
+        points=points,
+        extract=_MeshFile(mesh),
+    )
+
+
+def _grasps(saved: dict[str, np.ndarray], objects: int) -> Grasps:
+    poses = real_array(saved["grasps"], "grasps", (None, 4, 4))
+    count = len(poses)
+    for pose in poses:
+        check_transform(pose, "grasps")
+    return Grasps(
+        poses=poses,
+        widths=_within(saved["width"], "width", count, math.inf),
+        openings=_within(saved["opening"], "opening", count, math.inf),
+        scores=_within(saved["score"], "score", count, 1.0),
+        instances=_whole(saved["instance_id"], "instance_id", (count,), 0, objects - 1),
+        contacts=real_array(saved["contact"], "contact", (count, 3)),
+        angles=_whole(saved["angle"], "angle", (count,), 0, len(APPROACH_ANGLES) - 1),
+    )
+
+
+def _within(value: Any, name: str, count: int, most: float) -> Float[np.ndarray, "g"]:
+    numbers = real_array(value, name, (count,))
+    _require(((numbers >= 0) & (numbers <= most)).all(), name, f"numbers outside of 0 to {most:g}")
+    return numbers
+
+
+def _whole(value: Any, name: str, shape: tuple[int | None, ...], least: int, most: int) -> Int[np.ndarray, "..."]:
+    array = np.asarray(value)
+    _require(array.dtype.kind in "iu", name, f"values of type {array.dtype.name}")
+    numbers = real_array(array, name, shape).astype(np.int64)
+    _require(((numbers >= least) & (numbers <= most)).all(), name, f"numbers outside of {least} to {most}")
+    return numbers
+
+
+def _number(value: Any, name: str, least: float, most: float) -> float:
+    number = real_number(value, name, "", math.inf)
+    _require(least <= number <= most, name, value)
+    return number
+
+
+def _require(holds: Any, name: str, value: Any) -> None:
+    """Raises ValueError unless a condition on a saved value holds."""
+    if not holds:
+        raise ValueError(f"{name} cannot be {described(value)}")
 
 
 @dataclass(frozen=True)
@@ -322,3 +399,11 @@ class _MeshFile:
         except Exception as error:
             raise DataError(f"cannot read the mesh {self.path}: {error}") from error
         return mesh
+
+
+@dataclass(frozen=True, eq=False)
+class _KnownMesh:
+    mesh: trimesh.Trimesh
+
+    def __call__(self) -> trimesh.Trimesh:
+        return self.mesh

@@ -1,8 +1,6 @@
 """What is wrong with the files of an object set, file by file."""
 
 import json
-import os
-import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,14 +11,13 @@ import numpy as np
 import trimesh
 
 from icgnet.errors import DataError, InputError
+from icgnet.files import new_file
 from icgnet.objects.base import FileObjectSet, ObjectSet, Units, cache_directory, doubles
 from icgnet.objects.fingerprint import hash_texts
 from icgnet.objects.mesh_folder import LIST_FILE, object_paths, read_folder_list, read_scaled_mesh
+from icgnet.objects.model import check_size
 from icgnet.objects.urdf import read_urdf_object
 from icgnet.objects.urdf_set import is_vgn_layout, object_key, urdf_paths
-
-LARGEST, SMALLEST = 1.0, 0.001
-"""A longest side beyond these [m] means other units than were said."""
 
 END_SHARE = 0.01
 """Part of an edge at each end where nothing is looked for."""
@@ -28,7 +25,7 @@ END_SHARE = 0.01
 MERGED = 1e-9
 """Shorter edges [m] count as this long."""
 
-CHECK_VERSION = 2
+CHECK_VERSION = 3
 """To be raised when a check or a reader changes, so that remembered reports are made anew."""
 
 
@@ -71,6 +68,13 @@ def check_objects(directory: str | Path, units: Units | None = None) -> list[Obj
     ]
 
 
+def missing_units(directory: Path) -> bool:
+    """Returns whether a folder of meshes lacks the units that every other command needs, in its `objects.yaml`."""
+    if is_vgn_layout(directory) or read_folder_list(directory).units is not None:
+        return False
+    return any(path.suffix.lower() != ".urdf" for path in object_paths(directory))
+
+
 def check_object_set(object_set: ObjectSet, keys: Sequence[str]) -> list[ObjectReport]:
     """Returns a report on each of these objects of a set.
 
@@ -95,9 +99,6 @@ def _report(name: str, path: Path, units: Units | None) -> ObjectReport:
         surface = _read_surface(path, units)
     except DataError as error:
         return ObjectReport(name, "broken", (str(error),))
-    longest = float(surface.extents.max())
-    if not SMALLEST <= longest <= LARGEST:
-        return ObjectReport(name, "broken", (f"{path}: the longest side is {longest:.4g} m: are the units right?",))
     doubts = _doubts(surface)
     return ObjectReport(name, "warning" if doubts else "ok", tuple(doubts))
 
@@ -107,7 +108,9 @@ def _read_surface(path: Path, units: Units | None) -> trimesh.Trimesh:
         return read_urdf_object(path, path.stem, "other").visual
     if units is None:
         raise DataError(f'{path}: units unknown; write "units: m" or "units: mm" in {LIST_FILE}')
-    return read_scaled_mesh(path, units)
+    surface = read_scaled_mesh(path, units)
+    check_size(surface, str(path))
+    return surface
 
 
 def _doubts(surface: trimesh.Trimesh) -> list[str]:
@@ -151,7 +154,5 @@ def _read_reports(path: Path) -> list[ObjectReport] | None:
 
 def _write_reports(path: Path, reports: Sequence[ObjectReport]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
-    with os.fdopen(handle, "w") as file:
-        json.dump([asdict(report) for report in reports], file)
-    os.replace(partial, path)
+    with new_file(path) as file:
+        file.write(json.dumps([asdict(report) for report in reports]).encode())

@@ -1,6 +1,7 @@
 """A folder of meshes (or of single URDFs) as an object set."""
 
 import hashlib
+import reprlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ from jaxtyping import Float
 from icgnet.errors import DataError
 from icgnet.objects.base import KINDS, FileObjectSet, ObjectFile, Split, Units, cache_directory, doubles
 from icgnet.objects.classes import check_classes
-from icgnet.objects.decomposition import decompose, decomposition_method
+from icgnet.objects.decomposition import decompose, decomposition_method, decomposition_notices
 from icgnet.objects.model import ObjectModel, clean_surface
 from icgnet.objects.urdf import read_mesh, read_urdf_object
 
@@ -78,6 +79,11 @@ class MeshFolderObjectSet(FileObjectSet):
             settings=f"{given}, {decomposition_method()}",
         )
 
+    def notices(self) -> list[str]:
+        """Returns a line on each object that is left out, and one where the physics sees no hollows."""
+        has_meshes = any(file.path.suffix.lower() != ".urdf" for file in self._files.values())
+        return super().notices() + (decomposition_notices() if has_meshes else [])
+
     def _load(self, key: str) -> ObjectModel:
         file = self.file(key)
         if file.path.suffix.lower() == ".urdf":
@@ -117,10 +123,10 @@ def read_folder_list(directory: Path) -> FolderList:
         return FolderList()
     try:
         content = yaml.safe_load(path.read_text()) or {}
-    except (OSError, yaml.YAMLError) as error:
-        raise DataError(f"{path}: not readable as YAML: {error}") from error
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise DataError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:300]}") from error
     if not isinstance(content, dict) or content.keys() - {"units", "classes", "splits"}:
-        raise DataError(f"{path}: expected the entries units, classes and splits, found {content!r}")
+        raise DataError(f"{path}: expected the entries units, classes and splits, found {reprlib.repr(content)}")
     units = content.get("units")
     if units not in (None, "m", "mm"):
         raise DataError(f'{path}: units are {units!r}; they can be "m" or "mm"')
@@ -130,7 +136,7 @@ def read_folder_list(directory: Path) -> FolderList:
 def _check_splits(content: dict, path: Path) -> dict[str, Split]:
     entry = content.get("splits") or {}
     if not isinstance(entry, dict) or entry.keys() - {"val", "test"}:
-        raise DataError(f"{path}: splits are lists of names under val and test, found {entry!r}")
+        raise DataError(f"{path}: splits are lists of names under val and test, found {reprlib.repr(entry)}")
     splits: dict[str, Split] = {}
     held_out: tuple[Split, Split] = ("val", "test")
     for split in held_out:

@@ -13,6 +13,10 @@ from icgnet.geometry.signed_distance import SignedDistanceGrid, cached_signed_di
 
 FLAT = 1e-4
 """A mesh whose vertices are nearer to a plane than this share of its longest side encloses nothing."""
+LARGEST, SMALLEST = 1.0, 0.001
+"""A longest side beyond these [m] means other units than were said."""
+THINNEST = 0.0002
+"""Convex pieces are at least this thick [m]: the physics cannot take slivers that enclose (almost) nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +66,13 @@ def clean_surface(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64), process=False)
 
 
+def check_size(surface: trimesh.Trimesh, source: str) -> None:
+    """Raises DataError where a surface [m] is of no size that a hand could meet."""
+    longest = float(surface.extents.max())
+    if not SMALLEST <= longest <= LARGEST:
+        raise DataError(f"{source}: the longest side is {longest:.4g} m: are the units right?")
+
+
 def _thickness(points: Float[np.ndarray, "n 3"]) -> float:
     """Returns the root mean square distance of points from the plane that fits them best."""
     offsets = points - points.mean(axis=0)
@@ -85,3 +96,15 @@ def convex_hull(points: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:
     if not mesh.is_winding_consistent:  # slivers, whose own normals say nothing
         trimesh.repair.fix_normals(mesh)
     return mesh
+
+
+def solid_hull(points: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:
+    """Returns the convex hull of points, made `THINNEST` thick along each of its principal axes where it is thinner.
+
+    Decompositions leave slivers and even flat pieces, which no physics engine takes for bodies.
+    """
+    for axis in np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]:
+        missing = THINNEST - float(np.ptp(points @ axis))
+        if missing > 0.0:
+            points = np.concatenate([points - missing / 2 * axis, points + missing / 2 * axis])
+    return convex_hull(points)

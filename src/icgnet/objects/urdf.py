@@ -1,5 +1,6 @@
 """Rigid objects from URDF files: one link, a visual mesh and convex collision groups (the VGN layout)."""
 
+import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -10,10 +11,14 @@ from scipy.spatial import QhullError
 from trimesh.transformations import euler_matrix
 
 from icgnet.errors import DataError
-from icgnet.objects.model import ObjectModel, clean_surface, convex_hull
+from icgnet.objects.model import ObjectModel, check_size, clean_surface, convex_hull
 
 SIZE_RATIO = 2.0
 """Visual and collision geometry that differ in length by more than this are not of one thing."""
+NAMED = 200
+"""So many characters of a name are repeated in a message."""
+SMALLEST_VOLUME = 1e-13
+"""A convex piece that encloses less [m^3], a cube of 0.05 mm, is none that the physics could take."""
 
 
 def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
@@ -24,6 +29,7 @@ def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
 
     Raises:
         DataError: broken XML, no or several links, no visual or collision geometry, a missing, empty or flat mesh,
+            a mesh outside of the URDF's folder, a size that is no object's, a collision piece that encloses nothing,
             or a visual and a collision geometry of different sizes.
     """
     link = _only_link(path)
@@ -35,6 +41,9 @@ def read_urdf_object(path: Path, name: str, class_name: str) -> ObjectModel:
         raise DataError(f"{path}: the link has no <collision> geometry")
     surface = clean_surface(_joined(visuals), str(path))
     _check_same_size(surface, parts, path)
+    check_size(surface, str(path))
+    if (smallest := min(abs(part.volume) for part in parts)) < SMALLEST_VOLUME:
+        raise DataError(f"{path}: a piece of the collision geometry encloses nothing ({smallest * 1e9:.2g} mm^3)")
     return ObjectModel(name, class_name, surface, tuple(parts))
 
 
@@ -122,11 +131,19 @@ def _mesh_name(shape: ElementTree.Element, path: Path) -> str:
     name = shape.get("filename")
     if not name:
         raise DataError(f"{path}: <mesh> without a filename")
-    return name.removeprefix("file://")
+    name = name.removeprefix("file://")
+    inside = os.path.normpath(name)
+    if os.path.isabs(inside) or inside.split(os.sep)[0] == "..":
+        raise DataError(f"{path}: the mesh {name[:NAMED]!r} must lie in the folder of the URDF, or below it")
+    return name
 
 
 def _read_mesh(path: Path, split: bool) -> list[trimesh.Trimesh]:
-    if not path.is_file():
+    try:
+        is_there = path.is_file()
+    except OSError as error:  # a name that is too long
+        raise DataError(f"{str(path)[:NAMED]}: cannot read the mesh: {error.strerror}") from error
+    if not is_there:
         raise DataError(f"{path}: missing mesh")
     if split and path.suffix.lower() == ".obj":
         return read_convex_groups(path)
@@ -152,7 +169,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
 
 def _primitive(shape: ElementTree.Element, path: Path) -> trimesh.Trimesh:
     if shape.tag == "box":
-        return trimesh.creation.box(extents=_vector(shape, "size", None, path))
+        return trimesh.creation.box(extents=_positive(shape, "size", _vector(shape, "size", None, path), path))
     if shape.tag == "cylinder":
         return trimesh.creation.cylinder(
             radius=_number(shape, "radius", path), height=_number(shape, "length", path), sections=32
@@ -176,6 +193,15 @@ def _vector(element: ElementTree.Element, key: str, default: str | None, path: P
 def _number(element: ElementTree.Element, key: str, path: Path) -> float:
     text = element.get(key)
     try:
-        return float(text or "")
+        value = float(text or "")
     except ValueError as error:
         raise DataError(f"{path}: <{element.tag} {key}={text!r}> is not a number") from error
+    return float(_positive(element, key, np.array([value]), path)[0])
+
+
+def _positive(
+    element: ElementTree.Element, key: str, lengths: Float[np.ndarray, "k"], path: Path
+) -> Float[np.ndarray, "k"]:
+    if not (np.isfinite(lengths).all() and (lengths > 0).all()):
+        raise DataError(f"{path}: <{element.tag} {key}={element.get(key)!r}> must be positive [m]")
+    return lengths

@@ -16,7 +16,7 @@ NOTHING, TABLE = -1, -2
 FAR = 2.0  # the camera measures nothing beyond this depth [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DepthImage:
     """What the camera sees.
 

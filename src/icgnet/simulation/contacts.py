@@ -18,7 +18,7 @@ MAX_CROSSINGS = 12  # of a ray with one object
 STEP = 1e-5  # a ray starts again this far behind a crossing [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contacts:
     """Points on objects where a finger pad may touch.
 

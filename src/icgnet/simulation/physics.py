@@ -52,7 +52,7 @@ class Physics:
             raise InputError(f"object_mass must be positive, got {self.object_mass} kg")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """An object model, scaled and posed in the world [m]."""
 

@@ -10,7 +10,7 @@ from icgnet.geometry.transforms import transform_points
 from icgnet.objects.object_set import Kind, ObjectSet
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlacedObject:
     """An object of an object set, scaled and placed.
 

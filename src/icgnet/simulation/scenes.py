@@ -41,7 +41,7 @@ class Spawn:
     top_speed: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Draw:
     name: str
     model: ObjectModel

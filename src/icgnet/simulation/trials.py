@@ -55,7 +55,7 @@ class Jitter:
         return shifted, _tilt(normals, rng.normal(scale=self.normal, size=normals.shape))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Labels:
     """Outcomes of the trials at n contacts and all approach angles.
 

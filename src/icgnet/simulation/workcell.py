@@ -74,7 +74,7 @@ HELD_STEPS = 5  # both fingers must touch the target in one of so many steps
 LINE_REACH, LINE_SAMPLES = 0.08, 161  # how far and how finely the width of the target is measured [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Execution:
     """What came of one grasp; objects are indices in the workcell, `TABLE` is the table.
 

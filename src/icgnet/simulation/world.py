@@ -3,6 +3,7 @@
 # The compiled modules of mujoco carry no types.
 # pyright: reportAttributeAccessIssue=false
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from icgnet.errors import DataError
 from icgnet.geometry.transforms import make_transform, matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.hand import SIDES, add_hand
@@ -20,7 +22,24 @@ UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 mujoco.set_mju_user_warning(lambda _: None)
 
 
-@dataclass(frozen=True)
+class UnusableObjectError(DataError):
+    """The physics engine cannot make a body of an object.
+
+    Attributes:
+        name: key of the object.
+        reason: what the engine says.
+    """
+
+    def __init__(self, name: str, reason: str) -> None:
+        super().__init__(name, reason)
+        self.name = name
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"object {self.name!r} cannot be simulated: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
 class Snapshot:
     """The complete state of a world, to go back to with `World.restore`."""
 
@@ -52,6 +71,9 @@ class World:
             gripper: the hand to add, if any; it waits high above the table.
             drop_box: surround the workspace with the walls of the drop box.
             asleep: let the objects begin asleep: they stay exactly where they are, at no cost, until touched.
+
+        Raises:
+            UnusableObjectError: the engine cannot make a body of an object.
         """
         self.physics = physics
         spec = new_spec(physics)
@@ -65,7 +87,7 @@ class World:
             for body in spec.worldbody.bodies:
                 if body.name.startswith("object_"):
                     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
-        self.model = spec.compile()
+        self.model = _compile(spec, bodies)
         self.data = mujoco.MjData(self.model)
         self.present = np.ones(len(bodies), bool)
         self._object_bodies = np.array([self.model.body(f"object_{i}").id for i in range(len(bodies))], int)
@@ -242,6 +264,18 @@ class HandControl:
     def opening(self) -> float:
         """The distance between the pads [m]."""
         return float(self._data.qpos[self._slides].sum())
+
+
+def _compile(spec: mujoco.MjSpec, bodies: Sequence[Body]) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        # The engine names the mesh, which carries the number of the object; see `add_objects`.
+        named = re.search(r"\b(?:mesh|object)_(\d+)", str(error))
+        if named is None:
+            raise
+        name = bodies[int(named[1])].model.name
+        raise UnusableObjectError(name, " ".join(str(error).split())) from error
 
 
 def _copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:

@@ -128,7 +128,7 @@ def _checksum(start: Path | None, network: NetworkConfig) -> str | None:
     return header.sha256
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """What an optimiser step did.
 

@@ -22,7 +22,7 @@ THRESHOLDS = np.linspace(0.05, 0.95, 19)
 """Scores at which the best F1 is looked for."""
 
 
-@dataclass
+@dataclass(eq=False)
 class GraspTally:
     """What is counted while going through the scenes; the sum of two is that of the scenes of both."""
 

@@ -13,7 +13,7 @@ NOTHING = -1
 """Instance of a voxel that belongs to none: table, flying pixels, objects of which too little is seen."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """What the network gets and what it should answer, for one view of one scene; workspace frame [m].
 

@@ -45,7 +45,7 @@ EVALUATION_VIEWS = (
 """The published views of training and of the benchmark, for validation."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CameraView:
     """A pinhole camera in the world with the size of its image."""
 

@@ -57,7 +57,7 @@ LEVEL_TURN = np.deg2rad(120.0)
 """How far the level view stands from the camera, about the vertical."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LabelledScene:
     """A scene as a sheet shows it, world frame.
 

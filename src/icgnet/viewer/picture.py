@@ -34,7 +34,7 @@ LARGEST_CLOUD = 25_000
 GRASPS_PER_OBJECT, MOST_GRASPS = 2, 12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneDrawing:
     """What one panel shows, in a frame with z up.
 
@@ -53,7 +53,7 @@ class SceneDrawing:
     marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlacedLabel:
     """A name at a point in space [m]."""
 

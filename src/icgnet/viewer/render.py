@@ -243,7 +243,7 @@ def _grid(points: Float[np.ndarray, "r 3"], footprint: Float[np.ndarray, "r"]) -
     return np.clip(0.5 + (GRID_WIDTH / 2 - to_line) / footprint, 0.0, 1.0) * np.minimum(1.0, GRID_WIDTH / footprint)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Hits:
     """Which rays meet which triangles, how far away [ray lengths] and where on them (barycentric)."""
 

@@ -19,7 +19,7 @@ BREADTH, THICKNESS, STEM = 0.008, 0.005, 0.035
 Colour = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Triangles:
     """Coloured triangles, world frame.
 

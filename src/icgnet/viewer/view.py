@@ -12,7 +12,7 @@ FOCAL_LENGTH = 2.2
 """In image heights: a long lens (26 degrees), so that boxes look like boxes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Perspective:
     """A pinhole camera without a resolution.
 

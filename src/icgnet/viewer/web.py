@@ -11,7 +11,7 @@ from icgnet.geometry.transforms import invert_transform, matrix_to_quaternion, t
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
-from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction, load_prediction
+from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.viewer.describe import best_per_object, object_name, object_top, points_on_table, summary
 from icgnet.viewer.palette import instance_colour, score_colours, to_bytes
 from icgnet.viewer.triangles import hand_mesh, slim_hand_mesh
@@ -35,7 +35,7 @@ def open_viewer(source: str | Path | Prediction, port: int = 8080, host: str = "
     Raises:
         DataError: the folder is not a saved prediction.
     """
-    prediction = source if isinstance(source, Prediction) else load_prediction(source)
+    prediction = source if isinstance(source, Prediction) else Prediction.load(source)
     return WebViewer(prediction, viser.ViserServer(host=host, port=port, label="icgnet", verbose=False))
 
 

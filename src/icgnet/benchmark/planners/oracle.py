@@ -35,7 +35,7 @@ TRIALS = 32  # of the best grasps, until one succeeds
 ANGLES = len(APPROACH_ANGLES)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Lines:
     """Lines through objects along which the hand could close, its surroundings aside.
 
