@@ -1,9 +1,11 @@
 """The built-in planners: their contract, and how good they are."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import KDTree
 
 from icgnet.benchmark.observation import Observation, Truth, observe
@@ -19,8 +21,8 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights import save_weights
-from icgnet.objects.object_set import ObjectSet, load_object_set
-from icgnet.simulation.scene import PlacedObject, Scene
+from icgnet.objects.object_set import KINDS, ObjectSet, load_object_set
+from icgnet.simulation.scene import PlacedObject, Scene, scene_triangles
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Outcome, Trials
 from icgnet.simulation.workcell import PROTOCOLS, Workcell
@@ -96,6 +98,7 @@ def test_where_nothing_is_seen_nothing_is_planned(planners, objects, name):
 def test_planned_hands_stay_above_the_table(planners, scene, objects, name):
     observation = look(scene, objects)
     plan = planners[name].plan(observation)
+    assert len(plan) > 0
     assert not hits_table(plan.poses, plan.openings, FRANKA, observation.table_height).any()
 
 
@@ -166,11 +169,36 @@ def test_the_oracle_hardly_ever_fails(objects):
     assert successes >= 0.99 * attempts, counts
 
 
-@pytest.mark.slow
+def share_on_opposed_faces(plan: Plan, scene: Scene, objects: ObjectSet) -> float:
+    """The share of grasps whose fingers, closing, meet true surfaces that face them within the friction cone."""
+    corners = scene_triangles(scene, objects)[0].reshape(-1, 3)
+    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    closing, approach, origins = plan.poses[:, :3, 1], plan.poses[:, :3, 2], plan.poses[:, :3, 3]
+    contacts = origins - FRANKA.finger_reach * approach
+    facing = np.zeros((len(plan), 2))  # cosines; 0 for a finger that meets nothing on its way to the other
+    for finger, outward in enumerate((closing, -closing)):
+        starts = contacts + plan.openings[:, None] / 2 * outward
+        met, ray, triangle = mesh.ray.intersects_location(starts, -outward, multiple_hits=False)
+        between = np.linalg.norm(met - starts[ray], axis=1) < plan.openings[ray]
+        cosines = np.einsum("rk,rk->r", outward[ray], mesh.face_normals[triangle])
+        facing[ray[between], finger] = cosines[between]
+    return float((facing >= np.cos(np.arctan(FRANKA.friction))).all(axis=1).mean())
+
+
 def test_seeing_opposed_points_beats_chance(objects):
-    _, antipodal = np.sum([play(AntipodalPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
-    _, chance = np.sum([play(RandomPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
-    assert antipodal >= chance + 4
+    """On the true shapes, over some 250 grasps of either planner: about 0.94 against 0.60."""
+    shares: dict[str, list[float]] = {"antipodal": [], "random": []}
+    for kind, seed in product(KINDS, range(2)):
+        scene = spawn_scene(kind, objects, "val", np.random.default_rng([7, seed]), 4)
+        seen = look(scene, objects, seed)
+        antipodal = AntipodalPlanner().plan(seen)
+        assert len(antipodal) > 30
+        shares["antipodal"].append(share_on_opposed_faces(antipodal, scene, objects))
+        for draw in range(4):
+            by_chance = RandomPlanner().plan(replace(seen, rng=np.random.default_rng(draw)))
+            shares["random"].append(share_on_opposed_faces(by_chance, scene, objects))
+    assert np.mean(shares["antipodal"]) > 0.8
+    assert np.mean(shares["antipodal"]) > np.mean(shares["random"]) + 0.2
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])
