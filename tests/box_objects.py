@@ -12,8 +12,9 @@ from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.prediction import DetectedObject, Prediction
 from icgnet.objects.classes import CLASSES
+from icgnet.objects.kinds import Kind, Split
 from icgnet.objects.model import ObjectModel
-from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import PlacedObject, Scene
 
 EDGE, RADIUS = 0.06, 0.03

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.datagen.job import GenerateConfig, GenerateJob
+from icgnet.datagen.config import GenerateConfig
+from icgnet.datagen.job import GenerateJob
 from icgnet.datagen.recipe import Recipe, RecipeContacts
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set

@@ -40,7 +40,7 @@ def test_the_same_seed_gives_the_same_capture(capture: SimulatedCapture) -> None
 
 
 def test_simulate_writes_what_predict_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", str(tmp_path / "scene.npz"), "--count", "1", "--seed", "3"]) == 0
+    assert main(["simulate", "--out", str(tmp_path / "scene.npz"), "--count", "1", "--seed", "3"]) == 0
     with np.load(tmp_path / "scene.npz") as saved:
         assert saved["depth"].shape == (480, 640)
         assert saved["K"].shape == (3, 3)
@@ -49,7 +49,7 @@ def test_simulate_writes_what_predict_reads(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_simulate_names_a_wrong_file_kind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", str(tmp_path / "scene.png")]) == 2
+    assert main(["simulate", "--out", str(tmp_path / "scene.png")]) == 2
     assert "scene.png" in capsys.readouterr().err
 
 

@@ -9,7 +9,7 @@ from box_objects import EDGE, BoxAndBall, placed
 from icgnet.benchmark import observation
 from icgnet.benchmark.observation import Observation, draw_camera, observe
 from icgnet.grasping.gripper import load_gripper
-from icgnet.sensors.noise import NOISES
+from icgnet.sensors.config import NOISES
 
 GRIPPER = load_gripper()
 SCENE = placed(("box", (0.15, 0.15, 0.05 + EDGE / 2)))

@@ -21,7 +21,8 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights import save_weights
-from icgnet.objects.object_set import KINDS, ObjectSet, load_object_set
+from icgnet.objects.kinds import KINDS
+from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.scene import PlacedObject, Scene, scene_triangles
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Outcome, Trials

@@ -21,8 +21,8 @@ from icgnet.benchmark.training_speed import (
     measure_training,
 )
 from icgnet.cli.main import USAGE_ERROR, main
+from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.generate import GenerateConfig, generate
-from icgnet.datagen.label_scene import LabelSettings
 from icgnet.errors import InputError
 from icgnet.network.config import NETWORKS
 from icgnet.training.config import TRAININGS

@@ -3,8 +3,8 @@ import json
 import pytest
 
 from icgnet.cli.main import USAGE_ERROR, main
+from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.generate import GenerateConfig, generate
-from icgnet.datagen.label_scene import LabelSettings
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from simple_networks import network_that_likes_hands_from_above
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("data") / "scenes"
-    options = ["--scene", "packed", "--scenes", "2", "--contacts", "24", "--split", "val"]
-    assert main(["generate", str(folder), *options]) == 0
+    options = ["--scene", "packed", "--scenes", "2", "--labels.contacts", "24", "--split", "val"]
+    assert main(["generate", "--out", str(folder), *options]) == 0
     return folder
 
 
@@ -27,16 +27,15 @@ def weights(tmp_path) -> Path:
 
 @pytest.mark.slow
 def test_calibrate_writes_weights_a_diagram_and_a_report(scenes, weights, tmp_path, capsys):
-    out, diagram, report = (tmp_path / name for name in ("c.safetensors", "d.png", "r.json"))
-    options = ["--data", str(scenes), "--out", str(out), "--diagram", str(diagram), "--report", str(report)]
-    assert main(["calibrate", str(weights), *options]) == 0
+    out = tmp_path / "calibrated"
+    assert main(["calibrate", "--weights", str(weights), "--data", str(scenes), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "expected calibration error" in printed
     assert "before" in printed
-    assert load_weights(out)[1]["calibration"]["scenes"] == 2
-    with Image.open(diagram) as image:
+    assert load_weights(out / "weights.safetensors")[1]["calibration"]["scenes"] == 2
+    with Image.open(out / "reliability.png") as image:
         assert image.width > image.height
-    numbers = json.loads(report.read_text())
+    numbers = json.loads((out / "report.json").read_text())
     assert numbers["after"]["log_loss"] < numbers["before"]["log_loss"]
     assert sum(each["count"] for each in numbers["after"]["bins_of_equal_width"]) == numbers["after"]["grasps"]
 
@@ -50,9 +49,9 @@ def test_evaluate_prints_the_calibration_error(scenes, weights, capsys):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["nowhere.safetensors", "--data", "a", "--out", "o"], "nowhere.safetensors"),
-        (["w", "--data", "a", "--out", "o", "--diagram", "d.jpg"], "d.jpg"),
-        (["w", "--data", "a", "--out", "o", "--scenes", "1"], "got 1"),
+        (["--weights", "nowhere.safetensors", "--data", "a", "--out", "o"], "nowhere.safetensors"),
+        (["--weights", ".", "--data", "a", "--out", "o"], "no such file or folder: a"),
+        (["--weights", ".", "--data", ".", "--out", "o", "--scenes", "1"], "got 1"),
     ],
 )
 def test_wrong_use_is_one_line_and_leaves_nothing(arguments, named, tmp_path, capsys, monkeypatch):

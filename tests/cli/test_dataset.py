@@ -68,7 +68,7 @@ def cube_scene(number: int) -> Recipe:
 
 
 def inspect(*arguments: object) -> int:
-    return main(["dataset", "inspect", *map(str, arguments)])
+    return main(["dataset", "inspect", "--data", *map(str, arguments)])
 
 
 def test_the_card_is_printed_and_written_with_sheets(data, objects, tmp_path, capsys):

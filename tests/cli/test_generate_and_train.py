@@ -16,20 +16,20 @@ from launch import icgnet_together, output_of
 def scenes(tmp_path_factory) -> Path:
     """Two small labelled scenes of procedural objects."""
     folder = tmp_path_factory.mktemp("data") / "scenes"
-    options = ["--scene", "packed", "--scenes", "2", "--contacts", "4"]
-    assert main(["generate", str(folder), *options, "--report", str(folder.parent / "report.json")]) == 0
+    options = ["--scene", "packed", "--scenes", "2", "--labels.contacts", "4"]
+    assert main(["generate", "--out", str(folder), *options]) == 0
     return folder
 
 
 @pytest.mark.slow
 def test_generate_writes_scenes_and_a_report(scenes):
-    assert json.loads((scenes.parent / "report.json").read_text())["scenes"] == 2
+    assert json.loads((scenes / "report.json").read_text())["scenes"] == 2
     assert list(scenes.glob("*.parquet"))
 
 
 @pytest.mark.slow
 def test_generate_again_finds_everything_done(scenes, capsys):
-    assert main(["generate", str(scenes), "--scene", "packed", "--scenes", "2", "--contacts", "4"]) == 0
+    assert main(["generate", "--out", str(scenes), "--scene", "packed", "--scenes", "2", "--labels.contacts", "4"]) == 0
     out = capsys.readouterr().out
     assert "0 new scenes, 2 were there already" in out
     assert "2/2" in out
@@ -51,7 +51,7 @@ def test_processes_of_torchrun_train_one_network(scenes, tmp_path):
     first, run = tmp_path / "first.safetensors", tmp_path / "run"
     save_weights(first, IcgNet(NETWORKS["tiny"]), {})
     command = ["train", "tiny", "--accelerator", "cpu", "--data", scenes, "--steps", 1]
-    options = ["--learning-rate", "2e-3", "--common-statistics", False, "--start", first]
+    options = ["--learning-rate", "2e-3", "--no-common-statistics", "--start", first]
     output_of(icgnet_together(*command, *options, "--out", run))
     config = json.loads((run / "config.json").read_text())
     assert config["scenes_per_step"] == 2 * config["training"]["batch"]
@@ -80,12 +80,12 @@ def test_truncated_parquet_is_one_line_that_names_the_file(scenes, tmp_path, cap
     ("arguments", "named"),
     [
         (["train", "tiny", "--data", "nowhere", "--out", "run"], "nowhere"),
-        (["train", "tiny", "--data", "a", "--out", "run", "--minutes", "1", "--steps", "2"], "not both"),
-        (["generate", "out", "--objects", "nowhere"], "nowhere"),
-        (["generate", "out", "--scenes", "0"], "scenes must be at least 1, got 0"),
-        (["generate", "out", "--contacts", "0"], "contacts must be at least 1, got 0"),
-        (["generate", "out", "--shard-scenes", "0"], "shard_scenes must be at least 1, got 0"),
-        (["generate", "out", "--ray", "nowhere"], "host:port"),
+        (["train", "tiny", "--data", "a", "--out", "run", "--minutes", "1", "--steps", "2"], "either steps or minutes"),
+        (["generate", "--out", "out", "--objects", "nowhere"], "nowhere"),
+        (["generate", "--out", "out", "--scenes", "0"], "scenes must be at least 1, got 0"),
+        (["generate", "--out", "out", "--labels.contacts", "0"], "contacts must be at least 1, got 0"),
+        (["generate", "--out", "out", "--shard-scenes", "0"], "shard_scenes must be at least 1, got 0"),
+        (["generate", "--out", "out", "--ray", "nowhere"], "host:port"),
         (["objects", "check", "nowhere"], "nowhere"),
         (["view", "nowhere"], "nowhere"),
     ],

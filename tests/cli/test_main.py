@@ -2,17 +2,21 @@
 
 import subprocess
 import sys
-from typing import get_args
+from pathlib import Path
 
 import pytest
 
 from icgnet import __version__
-from icgnet.cli.main import Command, main
+from icgnet.cli.main import COMMANDS, load_command, main
 
 HEAVY = ("torch", "mujoco", "scipy", "trimesh", "pyarrow", "lightning_fabric", "viser", "matplotlib", "embreex")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["predict", "--help"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], *([*name.split(), "--help"] for name in COMMANDS), ["train", "cpu", "--help"]],
+    ids=" ".join,
+)
 def test_help_imports_nothing_heavy(arguments):
     code = (
         "import sys; from icgnet.cli.main import main; "
@@ -23,6 +27,17 @@ def test_help_imports_nothing_heavy(arguments):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert "usage: icgnet" in done.stdout
+
+
+def test_no_commands_help_imports_anything_heavy():
+    code = (
+        "import sys; from icgnet.cli.main import COMMANDS, main\n"
+        "for name in COMMANDS: assert main([*name.split(), '--help']) == 0\n"
+        f"heavy = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "sys.exit(repr(heavy) if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("arguments", [["version"], ["--version"]])
@@ -40,7 +55,7 @@ def test_the_version_is_printed(arguments, capsys):
         ["predict", "depth.png", "--depth-scale", "many"],
         ["predict", "depth.png", "--width-from", "guess"],
         ["train", "huge", "--data", "a", "--out", "b"],
-        ["generate", "out", "--scene", "heap"],
+        ["generate", "--out", "out", "--scene", "heap"],
     ],
     ids=" ".join,
 )
@@ -49,18 +64,57 @@ def test_wrong_arguments_exit_with_2(arguments, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_every_subcommand_has_help(capsys):
-    names = [get_args(command)[1].name for command in get_args(Command)]
-    assert {"demo", "predict", "benchmark"} < set(names)
-    for name in names:
-        assert main([name, "--help"]) == 0
-        assert f"usage: icgnet {name}" in capsys.readouterr().out
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_subcommand_has_help(name, capsys):
+    assert main([*name.split(), "--help"]) == 0
+    assert f"usage: icgnet {name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_overview_says_what_a_subcommand_does(name, capsys):
+    assert main(["--help"]) == 0
+    about = COMMANDS[name][1]
+    assert f"{name} " in capsys.readouterr().out
+    assert (load_command(name).__doc__ or "").startswith(about.removesuffix("."))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "valid"), [(["fly"], "demo, predict"), (["dataset", "fly"], "dataset inspect")], ids=" ".join
+)
+def test_an_unknown_command_is_one_line_with_the_valid_ones(arguments, valid, capsys):
+    assert main(arguments) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"error: no command {' '.join(arguments)!r}; the commands are {valid}")
+    assert err.count("\n") == 1
+
+
+def test_a_group_of_commands_lists_itself(capsys):
+    assert main(["dataset"]) == main(["dataset", "--help"]) == 0
+    assert "dataset inspect" in capsys.readouterr().out
 
 
 def test_presets_of_training_are_those_that_the_command_offers():
-    from typing import get_args, get_type_hints
-
-    from icgnet.cli.train import Train
     from icgnet.training.config import TRAININGS
 
-    assert set(get_args(get_type_hints(Train)["preset"])) == set(TRAININGS)
+    assert {f"train {name}" for name in TRAININGS} == {name for name in COMMANDS if name.startswith("train ")}
+    assert all(load_command(f"train {name}")((), Path(".")).config == config for name, config in TRAININGS.items())
+
+
+def test_every_setting_of_training_can_be_set_and_shows_the_default_of_its_preset(capsys):
+    assert main(["train", "paper", "--help"]) == 0
+    out = "".join(capsys.readouterr().out.split())
+    for option in (
+        "--batchINT",
+        "--sampling.tsdfFLOAT",
+        "--loss.maskFLOAT",
+        "--matching.diceFLOAT",
+        "--sampling.noise",
+    ):
+        assert option in out
+    assert "(default:101250)" in out
+
+
+def test_the_completion_of_a_shell_knows_the_commands(capsys):
+    assert main(["--tyro-print-completion", "bash"]) == 0
+    assert "dataset-inspect" in capsys.readouterr().out
+    assert main(["dataset-inspect", "--help"]) == 0

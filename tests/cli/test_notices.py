@@ -12,9 +12,9 @@ URDF = """<robot name="twice"><link name="base">
 </link></robot>"""
 
 COMMANDS = {
-    "generate": ["generate", "out", "--scene", "pile"],
-    "simulate": ["simulate", "scene.npz", "--scene", "pile"],
-    "sensors": ["sensors", "sheet.png", "--scene", "pile"],
+    "generate": ["generate", "--out", "out", "--scene", "pile"],
+    "simulate": ["simulate", "--out", "scene.npz", "--scene", "pile"],
+    "sensors": ["sensors", "--out", "sheet.png", "--scene", "pile"],
     "clutter": ["benchmark", "clutter", "--planner", "random", "--scene", "pile", "--out", "out"],
     "reconstruction": ["benchmark", "reconstruction", "--scene", "pile"],
     "segmentation": ["benchmark", "segmentation", "--scene", "pile"],
@@ -38,7 +38,7 @@ def test_an_object_that_is_left_out_is_named_on_standard_error(name, doubled, tm
     monkeypatch.chdir(tmp_path)
     # Nothing is left to test with, so that every command ends soon; generation finds that out before it says anything.
     split = "train" if name == "generate" else "test"
-    options = ["--scenes", "1", "--contacts", "1"] if name == "generate" else []
+    options = ["--scenes", "1", "--labels.contacts", "1"] if name == "generate" else []
     code = main([*COMMANDS[name], "--objects", str(doubled), "--split", split, *options])
     printed = capsys.readouterr()
     assert code == (0 if name == "generate" else USAGE_ERROR), printed.err
@@ -49,5 +49,5 @@ def test_an_object_that_is_left_out_is_named_on_standard_error(name, doubled, tm
 
 def test_nothing_is_said_of_a_set_that_is_used_whole(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["simulate", "scene.npz", "--count", "1"]) == 0
+    assert main(["simulate", "--out", "scene.npz", "--count", "1"]) == 0
     assert capsys.readouterr().err == ""

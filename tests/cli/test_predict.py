@@ -65,15 +65,23 @@ def test_json_to_stdout_prints_nothing_else_and_writes_nothing(files, tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_repeated_predictions_report_the_median_of_each_timing(files, capsys, monkeypatch):
+def test_repeated_predictions_report_the_median_of_each_timing(files, tmp_path, monkeypatch):
     laps = iter([50.0, 10.0, 20.0])
 
     def with_lap(prediction):
         return replace(prediction, timings_ms={"encode": next(laps)})
 
     monkeypatch.setattr("icgnet.cli.predict.with_meshes", with_lap)
-    assert predict(files, "view.npz", "--json", "-", "--repeat", "3") == 0
-    assert json.loads(capsys.readouterr().out)["timings_ms"] == {"encode": 20.0}
+    assert predict(files, "view.npz", "--out", str(tmp_path / "out"), "--repeat", "3") == 0
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["timings_ms"] == {"encode": 20.0}
+
+
+def test_json_alone_makes_no_meshes_and_names_no_files(files, capsys, monkeypatch):
+    monkeypatch.setattr("icgnet.inference.prediction.DetectedObject.mesh", lambda item: pytest.fail("a mesh"))
+    assert predict(files, "view.npz", "--json", "-") == 0
+    objects = json.loads(capsys.readouterr().out)["objects"]
+    assert objects
+    assert not any("mesh" in entry for entry in objects)
 
 
 def test_json_to_a_file(files, tmp_path):

@@ -8,7 +8,7 @@ from icgnet.cli.main import main
 def test_sensors_draws_a_sheet(tmp_path, monkeypatch):
     monkeypatch.setattr("icgnet.viewer.sensor_sheet.PANEL_SHAPE", (75, 90))
     path = tmp_path / "sheet.png"
-    assert main(["sensors", str(path), "--count", "2", "--seed", "1"]) == 0
+    assert main(["sensors", "--out", str(path), "--count", "2", "--seed", "1"]) == 0
     with Image.open(path) as image:
         assert min(image.size) > 400
 
@@ -23,7 +23,7 @@ def test_sensors_draws_a_sheet(tmp_path, monkeypatch):
 )
 def test_wrong_use_is_one_line_and_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["sensors", *arguments]) == 2
+    assert main(["sensors", "--out", *arguments]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

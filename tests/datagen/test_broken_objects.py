@@ -9,9 +9,8 @@ import pytest
 import trimesh
 
 from icgnet.cli.main import main
+from icgnet.datagen.config import GenerateConfig, LabelSettings
 from icgnet.datagen.generate import generate
-from icgnet.datagen.job import GenerateConfig
-from icgnet.datagen.label_scene import LabelSettings
 from icgnet.datagen.recipe import read_recipes
 from icgnet.datagen.usable_objects import NAMED
 from icgnet.errors import DataError, InputError
@@ -156,8 +155,8 @@ def test_a_folder_that_says_nothing_of_its_objects_is_read_but_not_continued(obj
 
 
 def test_the_command_line_warns_of_each_object_that_is_left_out(broken, tmp_path, capsys):
-    options = ["--objects", str(broken), "--scene", "pile", "--scenes", "1", "--contacts", "1"]
-    assert main(["generate", str(tmp_path / "out"), *options]) == 0
+    options = ["--objects", str(broken), "--scene", "pile", "--scenes", "1", "--labels.contacts", "1"]
+    assert main(["generate", "--out", str(tmp_path / "out"), *options]) == 0
     error = capsys.readouterr().err
     assert error.count("is left out") == 5
     assert "warning: pile/lost is left out: " in error

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from icgnet.datagen import recipe as recipe_module
+from icgnet.datagen.config import GenerateConfig, LabelSettings, Variation, kind_of
 from icgnet.datagen.generate import generate
-from icgnet.datagen.job import GenerateConfig, kind_of
-from icgnet.datagen.label_scene import LabelSettings, Variation, scene_rng
+from icgnet.datagen.label_scene import scene_rng
 from icgnet.datagen.recipe import read_recipes, unpack_bits
 from icgnet.errors import DataError, InputError
 
@@ -31,7 +31,7 @@ def _files(folder):
 def complete(tmp_path_factory):
     """The folder of an undisturbed run, in files of two scenes."""
     folder = tmp_path_factory.mktemp("complete")
-    generate(folder, CONFIG, report=folder / "report.json")
+    generate(folder, CONFIG)
     return folder
 
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from icgnet.datagen.config import GenerateConfig, LabelSettings
 from icgnet.datagen.generate import generate
-from icgnet.datagen.job import GenerateConfig
-from icgnet.datagen.label_scene import LabelSettings
 from icgnet.datagen.recipe import read_shard
 from shape_scenes import HEADER
 

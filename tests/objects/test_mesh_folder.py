@@ -6,9 +6,11 @@ import trimesh
 
 from icgnet.errors import DataError
 from icgnet.objects import decomposition
+from icgnet.objects.kinds import SPLITS
 from icgnet.objects.model import THINNEST
-from icgnet.objects.object_set import SPLITS, load_object_set
-from icgnet.simulation.physics import Body, Physics
+from icgnet.objects.object_set import load_object_set
+from icgnet.simulation.config import Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.world import World
 
 

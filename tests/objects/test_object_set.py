@@ -18,7 +18,8 @@ from icgnet.objects.classes import (
     read_alternatives,
     read_classes,
 )
-from icgnet.objects.object_set import KINDS, SPLITS, load_object_set, warm_cache
+from icgnet.objects.kinds import KINDS, SPLITS
+from icgnet.objects.object_set import load_object_set, warm_cache
 
 
 def test_vgn_layout_is_listed_by_kind_and_split(urdf_folder: Path):

@@ -7,8 +7,9 @@ from scipy.spatial import ConvexHull
 
 from icgnet.errors import InputError
 from icgnet.objects.classes import CLASSES
+from icgnet.objects.kinds import KINDS, SPLITS
 from icgnet.objects.model import ObjectModel
-from icgnet.objects.object_set import KINDS, SPLITS, check_kind_and_split, load_object_set
+from icgnet.objects.object_set import check_kind_and_split, load_object_set
 from icgnet.objects.procedural import COUNTS, FAMILIES, SHAPES_VERSION, ProceduralObjectSet
 
 SET = ProceduralObjectSet()

@@ -10,9 +10,8 @@ import pytest
 
 import datagen_jobs
 from datagen_jobs import FatalJob, FaultyJob, QuickJob, make
+from icgnet.datagen.config import GenerateConfig, LabelSettings
 from icgnet.datagen.generate import generate
-from icgnet.datagen.job import GenerateConfig
-from icgnet.datagen.label_scene import LabelSettings
 from icgnet.errors import DataError, InputError
 from icgnet.parallel.cluster import RayPool
 from icgnet.parallel.pool import TRIES

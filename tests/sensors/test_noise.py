@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.camera import DEFAULT_INTRINSICS
-from icgnet.sensors.noise import NEVER, NOISES, Amount, SensorNoise, corrupt_depth, corrupt_points, exactly, up_to
+from icgnet.sensors.config import NEVER, NOISES, Amount, SensorNoise, exactly, up_to
+from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import NOTHING, DepthImage
 from icgnet.training.gallery import ALONE
 

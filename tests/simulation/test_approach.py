@@ -3,7 +3,7 @@ import pytest
 
 from icgnet.geometry.transforms import make_transform
 from icgnet.simulation.approach import ApproachChecker
-from icgnet.simulation.physics import Physics
+from icgnet.simulation.config import Physics
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 

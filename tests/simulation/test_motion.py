@@ -1,7 +1,7 @@
 import numpy as np
 
+from icgnet.simulation.config import Physics
 from icgnet.simulation.motion import line_at_constant_speed, smooth_line, steps_in
-from icgnet.simulation.physics import Physics
 
 START, WAY = np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.03, -0.04])
 PHYSICS = Physics(timestep=0.002)

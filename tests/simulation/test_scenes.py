@@ -3,7 +3,8 @@ import pytest
 
 from icgnet.errors import InputError
 from icgnet.objects.object_set import ObjectSet, load_object_set
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.config import Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import scene_triangles, world_mesh
 from icgnet.simulation.scenes import draw_count, spawn_scene
 from icgnet.simulation.world import World

@@ -3,9 +3,9 @@ import pytest
 
 from icgnet.errors import InputError
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
+from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import Contacts
-from icgnet.simulation.physics import Physics
-from icgnet.simulation.trials import Jitter, Trials, retreat_vector
+from icgnet.simulation.trials import Trials, retreat_vector
 
 EXACT = Jitter(0.0, 0.0)
 FROM_ABOVE = [5, 6]  # the approach angles of -8 and 8 degrees

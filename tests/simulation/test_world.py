@@ -3,7 +3,7 @@ import pytest
 
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
-from icgnet.simulation.physics import Physics
+from icgnet.simulation.config import Physics
 from icgnet.simulation.world import World
 
 

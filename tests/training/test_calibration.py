@@ -21,8 +21,7 @@ from icgnet.training.calibration import (
     fold,
     judge,
 )
-from icgnet.training.config import TRAININGS
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.config import TRAININGS, MatchingCosts
 from shape_scenes import HEADER
 from simple_networks import network_that_likes_hands_from_above
 

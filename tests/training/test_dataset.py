@@ -7,7 +7,7 @@ import torch
 from icgnet.errors import DataError
 from icgnet.geometry.workspace import SIZE
 from icgnet.network.config import NETWORKS
-from icgnet.sensors.noise import NOISES
+from icgnet.sensors.config import NOISES
 from icgnet.training.config import Sampling
 from icgnet.training.dataset import RecipeDataset, VisitBatches, nearest_and_another
 

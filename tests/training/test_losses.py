@@ -5,18 +5,8 @@ import torch
 
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.training.config import Sampling
-from icgnet.training.losses import (
-    PUBLISHED,
-    LossWeights,
-    TrainingLoss,
-    bce,
-    dice_losses,
-    segmentation_terms,
-    weighted_sum,
-    width_term,
-)
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.config import PUBLISHED, LossWeights, MatchingCosts, Sampling
+from icgnet.training.losses import TrainingLoss, bce, dice_losses, segmentation_terms, weighted_sum, width_term
 
 SAMPLING = replace(Sampling().for_validation(), occupancy_points=200, contacts=20)
 PAPER_LIKE = replace(NETWORKS["tiny"], affordance="contact", decoder_stages="all")

@@ -2,8 +2,9 @@ from itertools import permutations
 
 import torch
 
+from icgnet.training.config import PUBLISHED_COSTS, MatchingCosts
 from icgnet.training.losses import bce, dice_losses
-from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts, dice_cost, mask_cost, match_queries
+from icgnet.training.matching import dice_cost, mask_cost, match_queries
 
 
 def random_problem(voxels=40, queries=5, instances=3):

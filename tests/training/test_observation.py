@@ -6,7 +6,7 @@ import pytest
 from icgnet.geometry.transforms import transform_points, yaw_about
 from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT
 from icgnet.network.config import NETWORKS
-from icgnet.sensors.noise import NOISES
+from icgnet.sensors.config import NOISES
 from icgnet.training.config import Sampling
 from icgnet.training.observation import sense, take_picture
 

@@ -7,9 +7,8 @@ import torch
 
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.training.config import Sampling
-from icgnet.training.losses import LossWeights, TrainingLoss
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.config import LossWeights, MatchingCosts, Sampling
+from icgnet.training.losses import TrainingLoss
 from icgnet.training.metrics import evaluate
 from icgnet.training.schedule import learning_rate_factor
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.transforms import invert_transform, transform_points
-from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, CameraView, ViewRange, crop_view, draw_view
+from icgnet.training.config import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
+from icgnet.training.views import CameraView, crop_view, draw_view
 
 
 def pixel(view: CameraView, points):

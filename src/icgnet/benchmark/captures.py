@@ -8,8 +8,10 @@ from jaxtyping import Float, Int
 
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
 from icgnet.geometry.workspace import CENTRE
-from icgnet.objects.object_set import Kind, ObjectSet, Split
-from icgnet.sensors.noise import SensorNoise, corrupt_depth, exactly, up_to
+from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.object_set import ObjectSet
+from icgnet.sensors.config import SensorNoise, exactly, up_to
+from icgnet.sensors.noise import corrupt_depth
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
 from icgnet.simulation.scenes import spawn_scene

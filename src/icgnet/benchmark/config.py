@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from icgnet.benchmark.observation import NoiseName, ViewName
 from icgnet.benchmark.planners.registry import PlannerSource
 from icgnet.errors import InputError
-from icgnet.objects.object_set import KINDS, SPLITS, Kind, Split
+from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split
 from icgnet.simulation.workcell import PROTOCOLS
 
 OpeningName = Literal["full", "predicted"]

@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from icgnet.datagen.label_scene import LabelSettings, scene_rng
+from icgnet.datagen.config import LabelSettings
+from icgnet.datagen.label_scene import scene_rng
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import world_mesh

@@ -13,7 +13,8 @@ from icgnet.geometry.tsdf import fuse
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
-from icgnet.sensors.noise import NOISES, SensorNoise, corrupt_depth, corrupt_points, exactly
+from icgnet.sensors.config import NOISES, SensorNoise, exactly
+from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
 

@@ -14,7 +14,8 @@ from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper
 from icgnet.inference.prediction import Prediction
 from icgnet.network.weights_header import stored_checksum
-from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.object_set import ObjectSet
 from icgnet.predictor import Predictor
 
 

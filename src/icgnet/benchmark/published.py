@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from icgnet.objects.object_set import Kind
+from icgnet.objects.kinds import Kind
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,15 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.holds import Hold, hold_from_above
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import spawn, spawn_scene
-from icgnet.simulation.trials import Jitter, Trials
+from icgnet.simulation.trials import Trials
 
 OBJECTS = 5  # objects to try for in every scene, as in the benchmark
 TILTED = np.deg2rad(20.0)

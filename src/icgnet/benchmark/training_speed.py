@@ -20,10 +20,9 @@ from icgnet.benchmark.loader import LoaderNumbers, load_dataset, time_visits
 from icgnet.errors import InputError
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
-from icgnet.training.config import TrainingConfig
+from icgnet.training.config import LossWeights, MatchingCosts, TrainingConfig
 from icgnet.training.loop import Trainer, to_agree_on
-from icgnet.training.losses import LossWeights, TrainingLoss
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.losses import TrainingLoss
 from icgnet.training.processes import Accelerator, check_same, join_processes, total
 from icgnet.training.sample import Sample
 

@@ -11,7 +11,7 @@ from icgnet.benchmark.record import write_report
 from icgnet.cli.notices import load_objects
 
 if TYPE_CHECKING:
-    from icgnet.objects.base import Kind
+    from icgnet.objects.kinds import Kind
 
 
 @dataclass(frozen=True)

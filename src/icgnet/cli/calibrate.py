@@ -4,11 +4,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import tyro
 from rich.console import Console
 from rich.table import Table
 
-from icgnet.errors import InputError
+from icgnet.errors import DataError
 
 if TYPE_CHECKING:
     from icgnet.training.calibration import CalibrationResult, ScoreReport
@@ -18,22 +17,18 @@ if TYPE_CHECKING:
 class Calibrate:
     """Make a score of 0.9 mean nine successes in ten: fit the scores to validation scenes and write new weights."""
 
-    weights: tyro.conf.Positional[Path]
+    weights: Path
     """Weights file that `icgnet train` wrote."""
     data: tuple[Path, ...]
     """Folders that `icgnet generate` wrote; their scenes of split val are used."""
     out: Path
-    """Weights file to write."""
+    """Folder for the new weights.safetensors, the reliability diagram (reliability.png) and report.json."""
     objects: tuple[str, ...] = ("procedural",)
     """The object sets that the scenes were made of."""
     scenes: int | None = None
     """At most so many scenes; all of them if not given."""
     threads: int | None = None
     """CPU threads."""
-    diagram: Path | None = None
-    """File for the reliability diagram, ending in .png."""
-    report: Path | None = None
-    """File for the numbers, as JSON."""
 
     def run(self) -> None:
         """Calibrates, and prints what the scores were worth before and after.
@@ -41,8 +36,9 @@ class Calibrate:
         Raises:
             IcgnetError: unusable weights, no such scenes, or scores that nothing can be learnt from.
         """
-        if self.diagram is not None and self.diagram.suffix != ".png":
-            raise InputError(f"the diagram must end in .png, got {self.diagram.name!r}")
+        for path in (self.weights, *self.data):
+            if not path.exists():
+                raise DataError(f"no such file or folder: {path}")
         from icgnet.files import write_json
         from icgnet.training.calibration import calibrate_weights
 
@@ -51,16 +47,15 @@ class Calibrate:
         def say(line: str) -> None:
             console.print(line, markup=False, highlight=False, soft_wrap=True)
 
+        written = self.out / "weights.safetensors"
         result = calibrate_weights(
-            self.weights, self.data, self.objects, self.out, self.scenes, self.threads, report=say
+            self.weights, self.data, self.objects, written, self.scenes, self.threads, report=say
         )
         console.print(_table(result))
         line = result.calibration
-        say(f"{self.out}: logits times {line.scale:.3f} plus {line.offset:+.3f}, fitted on all scenes")
-        if self.diagram is not None:
-            _draw(result, self.diagram)
-        if self.report is not None:
-            write_json(self.report, _record(result))
+        say(f"{written}: logits times {line.scale:.3f} plus {line.offset:+.3f}, fitted on all scenes")
+        _draw(result, self.out / "reliability.png")
+        write_json(self.out / "report.json", _record(result))
 
 
 _ROWS = {

@@ -3,9 +3,8 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -27,12 +26,10 @@ GOLDEN_ANGLE = 2.4
 
 
 @dataclass(frozen=True)
-class Dataset:
-    """Look at labelled scenes: `icgnet dataset inspect DIR` prints a data card, and with --out draws sheets."""
+class Inspect:
+    """Print the data card of labelled scenes. With --out some of them are drawn, too."""
 
-    action: tyro.conf.Positional[Literal["inspect"]]
-    """What to do."""
-    directory: tyro.conf.Positional[Path]
+    data: Path
     """Folder that `icgnet generate` wrote."""
     objects: str | None = None
     """The object set that the scenes were made of, a folder; not needed for 'procedural'."""
@@ -63,16 +60,16 @@ class Dataset:
 
         if self.out is not None:
             check_replaceable(self.out, CARD_JSON, self.overwrite)
-        if not self.directory.is_dir():
-            raise InputError(f"no such folder: {self.directory}")
-        manifest, recipes = read_manifest(self.directory), read_recipes(self.directory)
+        if not self.data.is_dir():
+            raise InputError(f"no such folder: {self.data}")
+        manifest, recipes = read_manifest(self.data), read_recipes(self.data)
         if not recipes:
-            raise InputError(f"{self.directory} holds no scenes")
+            raise InputError(f"{self.data} holds no scenes")
         drawn = self._drawn(recipes)
         object_set, missing = find_objects(manifest, recipes, self.objects)
         console = Console()
         with console.status("checking scenes"):
-            card = make_card(self.directory, manifest, recipes, object_set, missing, self.checked, self.seed)
+            card = make_card(self.data, manifest, recipes, object_set, missing, self.checked, self.seed)
         _print_card(card, console)
         if self.out is None:
             return

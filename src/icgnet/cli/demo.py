@@ -44,6 +44,6 @@ class Demo:
         result = with_meshes(predictor.predict_depth(capture.depth, capture.intrinsics, capture.camera_pose))
         write_folder(result, self.out, self.overwrite, "demo")
         console = Console()
-        print_tables(result, console)
+        print_tables(result, console, meshes=True)
         console.print(f"written to {self.out}: look at {self.out / 'picture.png'}", soft_wrap=True)
         console.print(f"to turn it around in the browser, run: icgnet view {self.out}", soft_wrap=True)

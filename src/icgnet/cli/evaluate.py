@@ -22,8 +22,8 @@ class Evaluate:
     """Which scenes: val for choosing, test for reporting."""
     threads: int | None = None
     """CPU threads."""
-    report: Path | None = None
-    """File for the numbers, as JSON."""
+    out: Path | None = None
+    """Folder for report.json."""
 
     def run(self) -> None:
         """Evaluates, and prints a table with a column for each kind of scene.
@@ -41,5 +41,5 @@ class Evaluate:
         for name in dict.fromkeys(name for column in metrics.values() for name in column):
             table.add_row(name, *(f"{column[name]:.4g}" if name in column else "-" for column in metrics.values()))
         Console().print(table)
-        if self.report is not None:
-            write_json(self.report, metrics)
+        if self.out is not None:
+            write_json(self.out / "report.json", metrics)

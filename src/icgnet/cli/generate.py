@@ -1,8 +1,8 @@
 """`icgnet generate`: labelled scenes for training."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated
 
 import tyro
 from rich.console import Console
@@ -16,6 +16,7 @@ from rich.progress import (
 )
 
 from icgnet.cli.notices import print_notice
+from icgnet.datagen.config import GenerateConfig
 
 COLUMNS = (
     TextColumn("scenes"),
@@ -31,30 +32,10 @@ COLUMNS = (
 class Generate:
     """Make labelled scenes in simulation, as Parquet files. Run it again to go on after an interruption."""
 
-    out: tyro.conf.Positional[Path]
-    """Folder for the Parquet files."""
-    objects: str = "procedural"
-    """'procedural', or a folder of URDFs (VGN layout) or meshes."""
-    scene: Literal["packed", "pile", "both"] = "both"
-    """Kind of scenes."""
-    scenes: int = 100
-    """Number of scenes."""
-    contacts: int = 48
-    """Contacts that are tried in each scene, at twelve angles each."""
-    split: Literal["train", "val", "test"] = "train"
-    """Which objects."""
-    workers: int = 1
-    """Processes; the result does not depend on it."""
-    ray: str | None = None
-    """Work on a Ray cluster instead: 'local' starts one here with so many workers, 'auto' or HOST:PORT joins one."""
-    seed: int = 0
-    """Of every random draw."""
-    gripper: str = "franka"
-    """Name of a gripper or a gripper file."""
-    shard_scenes: int = 50
-    """Scenes in a file."""
-    report: Path | None = None
-    """File for the run's numbers, as JSON."""
+    out: Path
+    """Folder for the Parquet files, manifest.json and report.json."""
+    config: Annotated[GenerateConfig, tyro.conf.arg(name="")] = field(default_factory=GenerateConfig)
+    """What to generate."""
 
     def run(self) -> None:
         """Generates, with a progress bar.
@@ -63,21 +44,7 @@ class Generate:
             IcgnetError: unknown objects, settings out of range, or a folder made with other settings.
         """
         from icgnet.datagen.generate import generate
-        from icgnet.datagen.job import GenerateConfig
-        from icgnet.datagen.label_scene import LabelSettings
 
-        config = GenerateConfig(
-            objects=self.objects,
-            scene=self.scene,
-            scenes=self.scenes,
-            split=self.split,
-            seed=self.seed,
-            gripper=self.gripper,
-            labels=LabelSettings(contacts=self.contacts),
-            shard_scenes=self.shard_scenes,
-            workers=self.workers,
-            ray=self.ray,
-        )
         console = Console()
         with Progress(*COLUMNS, console=console) as progress:
 
@@ -85,15 +52,9 @@ class Generate:
                 if progress.tasks:
                     progress.update(progress.task_ids[0], completed=done)
                 else:
-                    progress.add_task("scenes", total=self.scenes, completed=done)
+                    progress.add_task("scenes", total=self.config.scenes, completed=done)
 
-            numbers = generate(
-                self.out,
-                config,
-                self.report,
-                on_progress=show,
-                on_notice=print_notice,
-            )
+            numbers = generate(self.out, self.config, on_progress=show, on_notice=print_notice)
         console.print(
             f"{numbers.scenes} new scenes, {numbers.scenes_found} were there already; {numbers.labels} labels, "
             f"{numbers.positives} of them successes, {numbers.labels_per_second_per_core:.0f} labels a second and core",

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import tyro
 from rich.console import Console
@@ -18,11 +18,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Gripper:
-    """Check a gripper file and draw the hand: `icgnet gripper check FILE --out picture.png`."""
+class CheckGripper:
+    """Check a gripper file, print the measures of the hand, draw it."""
 
-    action: tyro.conf.Positional[Literal["check"]]
-    """What to do."""
     gripper: tyro.conf.Positional[str]
     """Gripper file, or the name of a gripper that ships with the package."""
     out: Path | None = None

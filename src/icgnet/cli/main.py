@@ -1,53 +1,51 @@
-"""The command `icgnet`: parses its arguments, runs a subcommand and turns errors into one line and an exit code.
+"""The command `icgnet`: finds the subcommand, parses its arguments, and turns errors into one line and an exit code.
 
-Nothing heavy is imported before a subcommand runs, so that `icgnet --help` answers at once.
+A subcommand is a dataclass whose fields are its arguments, and which does its work in `run`. Only the module of the one
+that is asked for is imported, and none of them imports anything heavy before it runs.
 """
 
+import importlib
+import io
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr
+from typing import Annotated, Any, Union
 
-import tyro
-
-from icgnet.cli.benchmark import Benchmark
-from icgnet.cli.calibrate import Calibrate
-from icgnet.cli.curves import Curves
-from icgnet.cli.dataset import Dataset
-from icgnet.cli.demo import Demo
-from icgnet.cli.evaluate import Evaluate
-from icgnet.cli.generate import Generate
-from icgnet.cli.gripper import Gripper
-from icgnet.cli.objects import Objects
-from icgnet.cli.predict import Predict
-from icgnet.cli.sensors import Sensors
-from icgnet.cli.simulate import Simulate
-from icgnet.cli.train import Train
-from icgnet.cli.version import Version
-from icgnet.cli.view import View
 from icgnet.errors import IcgnetError
 
-USAGE_ERROR = 2
-INTERRUPTED = 130
-
-Command = (
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Predict, tyro.conf.subcommand("predict")]
-    | Annotated[View, tyro.conf.subcommand("view")]
-    | Annotated[Generate, tyro.conf.subcommand("generate")]
-    | Annotated[Dataset, tyro.conf.subcommand("dataset")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[Curves, tyro.conf.subcommand("curves")]
-    | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
-    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-    | Annotated[Sensors, tyro.conf.subcommand("sensors")]
-    | Annotated[Objects, tyro.conf.subcommand("objects")]
-    | Annotated[Gripper, tyro.conf.subcommand("gripper")]
-    | Annotated[Version, tyro.conf.subcommand("version")]
-)
+COMMANDS = {
+    "demo": ("demo:Demo", "Find objects and grasps in the depth image that ships with the package."),
+    "predict": ("predict:Predict", "Find objects and grasps in a depth image or a cloud."),
+    "view": ("view:View", "Look at a saved prediction in the browser."),
+    "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
+    "dataset inspect": (
+        "dataset:Inspect",
+        "Print the data card of labelled scenes.",
+    ),
+    "train cpu": ("train:TrainCpu", "Train a network on a processor with a few cores, in an evening."),
+    "train paper": (
+        "train:TrainPaper",
+        "Train the network of the paper as published.",
+    ),
+    "train tiny": ("train:TrainTiny", "Train a small network for a few steps, to see that everything works."),
+    "curves": ("curves:Curves", "Draw loss and validation of one or several training runs into one picture."),
+    "calibrate": ("calibrate:Calibrate", "Make a score of 0.9 mean nine successes in ten."),
+    "evaluate": ("evaluate:Evaluate", "Print the metrics of weights on generated scenes."),
+    "benchmark": ("benchmark:Benchmark", "Measure what this project claims."),
+    "simulate": ("simulate:Simulate", "Take a noisy depth image of a simulated scene."),
+    "sensors": ("sensors:Sensors", "Draw what each sensor model does to the cloud of a simulated scene."),
+    "objects check": ("objects:CheckObjects", "Check a folder of URDFs or meshes: what is wrong with which file."),
+    "gripper check": (
+        "gripper:CheckGripper",
+        "Check a gripper file, print the measures of the hand, draw it.",
+    ),
+    "version": ("version:Version", "Print the version."),
+}
+"""Name of a subcommand, one or two words -> where in this folder it is, and what it does."""
 
 DESCRIPTION = "One depth image of a cluttered table in; objects, complete shapes and ranked grasps out."
+USAGE_ERROR = 2
+INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,12 +54,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: arguments without the program's name; those of the process if None.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    if arguments in (["--version"], ["-V"]):
-        arguments = ["version"]
+    words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
+    words[0] = {"--version": "version", "-V": "version"}.get(words[0], words[0])
+    if words[0].replace("-", " ") in COMMANDS:  # as the completion writes them
+        words[:1] = words[0].replace("-", " ").split()
+    name = next((name for name in (" ".join(words[:2]), words[0]) if name in COMMANDS), "")
+    if not name and not words[0].startswith("--tyro-"):
+        return _no_command(words)
     try:
-        command = tyro.cli(Command, prog="icgnet", description=DESCRIPTION, args=arguments or ["--help"])  # pyright: ignore
-        command.run()
+        parse(words).run()
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except (IcgnetError, OSError) as error:
@@ -71,6 +72,72 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
     return 0
+
+
+def _no_command(words: Sequence[str]) -> int:
+    """Prints the commands: all of them, or those whose first word is the given one."""
+    first = words[0]
+    asked = {"-h", "--help", "help"}
+    group = {name: about for name, about in COMMANDS.items() if name.split()[0] == first}
+    if first in asked or (group and (len(words) == 1 or words[1] in asked)):
+        print(_overview(group or COMMANDS))
+        return 0
+    wrong, valid = (" ".join(words[:2]), group) if group else (first, COMMANDS)
+    print(f"error: no command {wrong!r}; the commands are {', '.join(valid)}", file=sys.stderr)
+    return USAGE_ERROR
+
+
+def parse(words: Sequence[str]) -> Any:
+    """The subcommand that the words begin with, with the arguments that follow; nothing is run.
+
+    `--tyro-print-completion bash` and its like, in place of a name, print the completion of all subcommands.
+
+    Raises:
+        SystemExit: arguments that it does not take, after a message, or a wish for help.
+        InputError: values that are out of range.
+    """
+    import tyro
+
+    for count in (2, 1):
+        name = " ".join(words[:count])
+        if name in COMMANDS:
+            with _own_errors():
+                return tyro.cli(load_command(name), prog=f"icgnet {name}", args=words[count:])
+    every = tuple(Annotated[load_command(name), tyro.conf.subcommand(name.replace(" ", "-"))] for name in COMMANDS)
+    return tyro.cli(Union[every], prog="icgnet", args=words)  # noqa: UP007  # pyright: ignore
+
+
+@contextmanager
+def _own_errors() -> Iterator[None]:
+    """What the settings themselves say of a value comes as their error, without what the parser makes of it."""
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            yield
+    except SystemExit as stop:
+        cause: BaseException | None = stop
+        while cause is not None and not isinstance(cause, IcgnetError):
+            cause = cause.__context__
+        if cause is not None:
+            raise cause from None
+        sys.stderr.write(said.getvalue())
+        raise
+
+
+def load_command(name: str) -> Any:
+    """The dataclass of a subcommand."""
+    module, _, kind = COMMANDS[name][0].partition(":")
+    return getattr(importlib.import_module(f"icgnet.cli.{module}"), kind)
+
+
+def _overview(commands: Mapping[str, tuple[str, str]]) -> str:
+    width = max(map(len, commands))
+    lines = [f"  {name:{width}}  {summary}" for name, (_, summary) in commands.items()]
+    ends = (
+        "icgnet COMMAND --help lists the options of a command; icgnet --version prints the version.",
+        "icgnet --tyro-print-completion bash (or zsh, tcsh) prints a script that completes commands in the shell.",
+    )
+    return "\n".join(("usage: icgnet COMMAND [OPTIONS]", "", DESCRIPTION, "", *lines, "", *ends))
 
 
 if __name__ == "__main__":

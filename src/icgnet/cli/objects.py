@@ -14,11 +14,9 @@ from icgnet.errors import DataError
 
 
 @dataclass(frozen=True)
-class Objects:
-    """Check a folder of URDFs or meshes: `icgnet objects check DIR`."""
+class CheckObjects:
+    """Check a folder of URDFs or meshes: what is wrong with which file."""
 
-    action: tyro.conf.Positional[Literal["check"]]
-    """What to do."""
     directory: tyro.conf.Positional[Path]
     """Folder of URDFs (VGN layout) or meshes."""
     units: Literal["m", "mm"] | None = None

@@ -14,6 +14,7 @@ from icgnet.cli.report import print_tables, with_median_timings, with_meshes, wr
 from icgnet.errors import InputError
 from icgnet.files import write_text
 from icgnet.inference.grasp_search import GraspSearch
+from icgnet.network.config import Precision
 from icgnet.output_folder import check_replaceable
 
 if TYPE_CHECKING:
@@ -66,6 +67,10 @@ class Predict:
     """Name of a gripper or a gripper file: the hand that the weights know, perhaps mounted otherwise."""
     threads: int | None = None
     """CPU threads."""
+    precision: Precision = "float32"
+    """In how many bits the network's U-Nets compute; float32 gives the same results on every processor."""
+    device: str = "cpu"
+    """What the network computes on, such as cpu or cuda."""
     seed: int = 0
     """Of everything that is drawn."""
     overwrite: bool = False
@@ -88,21 +93,25 @@ class Predict:
         from icgnet.network.weights_header import check_known
 
         check_known(self.weights, self.gripper, self.object_class)
-        result = self._choose(self._predict())
+        result = self._choose(self._predict(meshes=out is not None))
         if out is not None:
             write_folder(result, out, self.overwrite, self.input.name)
         self._report(result, out)
 
-    def _predict(self) -> "Prediction":
+    def _predict(self, meshes: bool) -> "Prediction":
         from icgnet.inference.capture import DepthCapture, read_capture, read_mask
-        from icgnet.predictor import Predictor
 
         capture = read_capture(self.input, self.intrinsics, self.depth_scale, self.camera_pose, self.viewpoint)
         mask = None if self.mask is None else read_mask(self.mask)
-        predictor = Predictor.load(self.weights, self.threads, self.gripper, self.seed, self.search)
         for name, given in (("mask", mask is not None), ("level-table", self.level_table)):
             if given and not isinstance(capture, DepthCapture):
                 raise InputError(f"{self.input} is a cloud: --{name} is for depth images")
+
+        from icgnet.predictor import Predictor  # loads torch, after everything that needs none has been checked
+
+        predictor = Predictor.load(
+            self.weights, self.threads, self.gripper, self.seed, self.search, self.precision, self.device
+        )
 
         def predict_once() -> "Prediction":
             if isinstance(capture, DepthCapture):
@@ -110,7 +119,8 @@ class Predict:
                 return predictor.predict_depth(*given, level_table=self.level_table, frame_id=self.frame)
             return predictor.predict_cloud(capture.points, capture.viewpoint, self.table_height, self.frame)
 
-        return with_median_timings([with_meshes(predict_once()) for _ in range(self.repeat)])
+        finish = with_meshes if meshes else lambda prediction: prediction
+        return with_median_timings([finish(predict_once()) for _ in range(self.repeat)])
 
     def _choose(self, result: "Prediction") -> "Prediction":
         """The prediction with the grasps that were asked for."""
@@ -129,12 +139,12 @@ class Predict:
 
     def _report(self, result: "Prediction", out: Path | None) -> None:
         if self.json is not None:
-            text = json.dumps(result.to_dict(), indent=1)
+            text = json.dumps(result.to_dict(meshes=out is not None), indent=1)
             if self.json == STDOUT:
                 sys.stdout.write(text + "\n")
                 return
             write_text(Path(self.json), text + "\n")
         console = Console()
-        print_tables(result, console)
+        print_tables(result, console, meshes=out is not None)
         if out is not None:
             console.print(f"written to {out}; look at {out / 'picture.png'}, or run: icgnet view {out}", soft_wrap=True)

@@ -46,9 +46,9 @@ def write_folder(prediction: "Prediction", out: Path, overwrite: bool, title: st
         draw_prediction(prediction, folder / PICTURE_FILE, title)
 
 
-def print_tables(prediction: "Prediction", console: Console) -> None:
-    """Prints the objects, the best grasps, what was rejected and how long it took."""
-    console.print(_object_table(prediction))
+def print_tables(prediction: "Prediction", console: Console, meshes: bool) -> None:
+    """Prints the objects, the first grasps, what was rejected and how long it took; with `meshes`, the sizes."""
+    console.print(_object_table(prediction, meshes))
     console.print(_grasp_table(prediction))
     rejected = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in prediction.rejected.items() if count
@@ -58,15 +58,15 @@ def print_tables(prediction: "Prediction", console: Console) -> None:
     console.print(f"timings [ms]: {timings}", markup=False)
 
 
-def _object_table(prediction: "Prediction") -> Table:
+def _object_table(prediction: "Prediction", meshes: bool) -> Table:
     table = Table(title=f"{len(prediction.objects)} objects")
     for column in ("id", "score", "class", "points", "size, cm", "grasps", "best grasp"):
         table.add_column(column, justify="left" if column in ("class", "size, cm") else "right", no_wrap=True)
     grasps = prediction.grasps
     for item in prediction.objects:
         own = grasps.scores[grasps.instances == item.instance_id]
-        mesh = item.mesh()
-        size = "-" if mesh.is_empty else " x ".join(f"{100 * edge:.1f}" for edge in mesh.extents)
+        is_known = meshes and not item.mesh().is_empty
+        size = " x ".join(f"{100 * edge:.1f}" for edge in item.mesh().extents) if is_known else "-"
         best = f"{own.max():.2f}" if len(own) else "-"
         name = f"{item.class_name} {100 * item.class_score:.0f}%"
         row = (item.instance_id, f"{item.score:.2f}", name, len(item.points), size, len(own), best)

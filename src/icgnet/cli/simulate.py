@@ -2,26 +2,25 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
-import tyro
 from rich.console import Console
 
 from icgnet.cli.notices import load_objects
 from icgnet.errors import InputError
+from icgnet.objects.kinds import Kind, Split
 
 
 @dataclass(frozen=True)
 class Simulate:
     """Take a noisy depth image of a simulated scene, as an npz file that `icgnet predict` reads."""
 
-    out: tyro.conf.Positional[Path]
+    out: Path
     """File to write, ending in .npz."""
     objects: str = "procedural"
     """'procedural', or a folder of URDFs (VGN layout) or meshes."""
-    split: Literal["train", "val", "test"] = "test"
+    split: Split = "test"
     """Which objects."""
-    scene: Literal["packed", "pile"] = "packed"
+    scene: Kind = "packed"
     """Objects standing side by side, or dropped into a pile."""
     count: int = 5
     """Objects to try to place."""

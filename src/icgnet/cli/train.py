@@ -1,14 +1,15 @@
 """`icgnet train`: weights from labelled scenes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from icgnet.errors import InputError
+from icgnet.errors import DataError
+from icgnet.training.config import TRAININGS, TrainingConfig
 
 
 @dataclass(frozen=True)
@@ -18,34 +19,18 @@ class Train:
     Started by torchrun, all processes train one network together.
     """
 
-    preset: tyro.conf.Positional[Literal["tiny", "cpu", "paper"]]
-    """Settings of the run: see the config.json that it writes."""
     data: tuple[Path, ...]
     """Folders that `icgnet generate` wrote; those of split val are validated on."""
     out: Path
     """Folder of the run: config.json, metrics.jsonl, checkpoint.pt and the weights."""
+    config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = field(default_factory=TrainingConfig)
+    """Settings of the run."""
     objects: tuple[str, ...] = ("procedural",)
     """The object sets that the scenes were made of."""
+    gripper: str | None = None
+    """Name of a gripper or a gripper file: the hand that the scenes must be labelled with; any if not given."""
     start: Path | None = None
     """Weights to begin with, of the same network, instead of random ones."""
-    minutes: float | None = None
-    """Training time in place of the preset's [min]."""
-    steps: int | None = None
-    """Optimiser steps in place of the preset's."""
-    network: Literal["tiny", "default", "paper"] | None = None
-    """Network in place of the preset's."""
-    batch: int | None = None
-    """Scenes per step, in each process, in place of the preset's."""
-    common_statistics: bool | None = None
-    """Whether processes share the statistics of their batches, in place of the preset's."""
-    learning_rate: float | None = None
-    """Learning rate after the warm-up in place of the preset's."""
-    threads: int | None = None
-    """CPU threads in place of the preset's."""
-    workers: int | None = None
-    """Processes that prepare samples, in place of the preset's."""
-    seed: int = 0
-    """Of the first weights and of every draw."""
     accelerator: Literal["auto", "cpu", "gpu"] = "auto"
     """What to compute on; auto takes a GPU where there is one."""
 
@@ -55,24 +40,28 @@ class Train:
         Raises:
             IcgnetError: no usable scenes, settings out of range, or a run with other settings in `out`.
         """
-        if self.minutes is not None and self.steps is not None:
-            raise InputError(f"give --minutes or --steps, not both (got {self.minutes:g} and {self.steps})")
-        from icgnet.training.config import TRAININGS
+        from icgnet.grasping.gripper import load_gripper
+
+        gripper = None if self.gripper is None else load_gripper(self.gripper)
+        for folder in self.data:
+            if not folder.is_dir():
+                raise DataError(f"no such folder: {folder}")
         from icgnet.training.loop import train
 
-        names = ("network", "batch", "common_statistics", "learning_rate", "threads", "workers")
-        given = {name: getattr(self, name) for name in names}
-        changes = {name: value for name, value in given.items() if value is not None}
-        if self.minutes is not None or self.steps is not None:
-            changes |= {"minutes": self.minutes, "steps": self.steps}
-        config = replace(TRAININGS[self.preset], seed=self.seed, **changes)
         console = Console()
 
         def say(line: str) -> None:
             console.print(line, markup=False, highlight=False, soft_wrap=True)
 
         metrics = train(
-            config, self.data, self.out, self.objects, report=say, start=self.start, accelerator=self.accelerator
+            self.config,
+            self.data,
+            self.out,
+            self.objects,
+            report=say,
+            start=self.start,
+            accelerator=self.accelerator,
+            gripper=gripper,
         )
         if not metrics:
             return
@@ -80,3 +69,24 @@ class Train:
         for name, value in metrics.items():
             table.add_row(name, f"{value:.4g}")
         console.print(table)
+
+
+@dataclass(frozen=True)
+class TrainTiny(Train):
+    """Train a small network for a few steps, to see that everything works."""
+
+    config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = TRAININGS["tiny"]
+
+
+@dataclass(frozen=True)
+class TrainCpu(Train):
+    """Train a network on a processor with a few cores, in an evening."""
+
+    config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = TRAININGS["cpu"]
+
+
+@dataclass(frozen=True)
+class TrainPaper(Train):
+    """Train the network of the paper as published. A processor is too slow for that."""
+
+    config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = TRAININGS["paper"]

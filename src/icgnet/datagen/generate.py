@@ -6,17 +6,21 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from icgnet.datagen.job import GenerateConfig, GenerateJob
+from icgnet.datagen.config import GenerateConfig
+from icgnet.datagen.job import GenerateJob
 from icgnet.datagen.manifest import make_manifest, prepare_folder
 from icgnet.datagen.recipe import LabelHeader, Recipe, count_scenes, read_shard, write_shard
 from icgnet.datagen.report import GenerationReport, GenerationTally, make_report
 from icgnet.datagen.usable_objects import usable_objects
 from icgnet.files import remove_partial_files, write_json
 from icgnet.grasping.gripper import load_gripper
-from icgnet.objects.object_set import Kind
+from icgnet.objects.kinds import Kind
 from icgnet.parallel.cluster import RayPool
 from icgnet.parallel.lock import locked
 from icgnet.parallel.pool import Pool, local_pool
+
+REPORT = "report.json"
+"""Numbers of the last run that made scenes."""
 
 
 @dataclass(frozen=True)
@@ -42,18 +46,16 @@ class Shard:
 def generate(
     directory: str | Path,
     config: GenerateConfig,
-    report: str | Path | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
     on_notice: Callable[[str], None] = lambda notice: None,
 ) -> GenerationReport:
-    """Writes labelled scenes into a folder: a manifest and Parquet files.
+    """Writes labelled scenes into a folder: a manifest, Parquet files, and the numbers of the run as report.json.
 
     Finished files stay when a run is killed, and the next run with the same configuration goes on from there.
 
     Args:
         directory: output folder, made if it is missing.
         config: what to generate.
-        report: file for the run's numbers, as JSON.
         on_progress: called with the number of finished scenes, at the start and after each scene.
         on_notice: called with one line on each object that is left out, and one on all that look odd.
 
@@ -72,8 +74,8 @@ def generate(
         prepare_folder(directory, make_manifest(job, usable.doubtful))
         remove_partial_files(directory)
         result = _fill(directory, job, on_progress)
-    if report is not None:
-        write_json(Path(report), asdict(result))
+        if result.scenes:
+            write_json(directory / REPORT, asdict(result))
     return result
 
 

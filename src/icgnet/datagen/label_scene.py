@@ -1,69 +1,28 @@
 """From a random stream to one labelled scene."""
 
 import logging
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
+from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.base import FileObjectSet
-from icgnet.objects.object_set import Kind, ObjectSet, Split
+from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.contacts import sample_contacts
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import spawn_scene
-from icgnet.simulation.trials import Jitter, Trials
+from icgnet.simulation.trials import Trials
 from icgnet.simulation.world import UnusableObjectError
 
 _LOG = logging.getLogger(__name__)
 
 MAX_EMPTY_SCENES = 100  # this many scenes without any object in a row mean that the object set is unusable
-
-
-@dataclass(frozen=True)
-class Variation:
-    """Ranges of what is drawn once a scene for the label trials (scenes themselves settle with fixed physics).
-
-    Attributes:
-        mass: of every object [kg].
-        pad_friction: sliding friction of the finger pads.
-    """
-
-    mass: tuple[float, float] = (0.3, 0.7)
-    pad_friction: tuple[float, float] = (0.6, 0.9)
-
-    def __post_init__(self) -> None:
-        for name, (lower, upper) in (("mass", self.mass), ("pad_friction", self.pad_friction)):
-            if not 0.0 < lower <= upper:
-                raise InputError(f"variation {name} must be a range of positive numbers, got ({lower}, {upper})")
-
-
-@dataclass(frozen=True)
-class LabelSettings:
-    """How scenes are labelled.
-
-    Attributes:
-        contacts: number of contacts a scene.
-        object_count: objects to try for in every scene; drawn anew for each if None.
-        physics: engine and materials.
-        jitter: drawn anew for each trial.
-        variation: drawn anew for each scene.
-    """
-
-    contacts: int = 48
-    object_count: int | None = None
-    physics: Physics = field(default_factory=Physics)
-    jitter: Jitter = field(default_factory=Jitter)
-    variation: Variation = field(default_factory=Variation)
-
-    def __post_init__(self) -> None:
-        if self.contacts < 1:
-            raise InputError(f"contacts must be at least 1, got {self.contacts}")
-        if self.object_count is not None and self.object_count < 1:
-            raise InputError(f"object_count must be at least 1, got {self.object_count}")
 
 
 def scene_rng(seed: int, scene_id: int) -> np.random.Generator:

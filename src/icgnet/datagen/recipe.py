@@ -20,7 +20,7 @@ from icgnet.geometry.transforms import make_transform, quaternion_to_matrix
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.classes import check_class_list
-from icgnet.objects.object_set import Kind, Split
+from icgnet.objects.kinds import Kind, Split
 from icgnet.simulation.scene import PlacedObject, Scene
 
 FORMAT_VERSION = 2

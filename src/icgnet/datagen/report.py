@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt16
 
 from icgnet.datagen.recipe import ANGLES, Recipe
-from icgnet.objects.object_set import Kind
+from icgnet.objects.kinds import Kind
 
 
 @dataclass(frozen=True, kw_only=True)

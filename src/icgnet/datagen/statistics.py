@@ -13,7 +13,7 @@ from icgnet.datagen.recipe import Recipe, unpack_bits
 from icgnet.geometry.transforms import quaternion_to_matrix
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.objects.classes import CLASSES
-from icgnet.objects.object_set import KINDS, SPLITS
+from icgnet.objects.kinds import KINDS, SPLITS
 
 TILTED = np.deg2rad(20.0)
 """A packed object that leans by more than this has fallen over or leans on another [rad]."""

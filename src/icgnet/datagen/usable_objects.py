@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from icgnet.datagen.job import GenerateConfig
+from icgnet.datagen.config import GenerateConfig
 from icgnet.datagen.recipe import MANIFEST
 from icgnet.errors import InputError
 from icgnet.objects.base import FileObjectSet

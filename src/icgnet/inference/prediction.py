@@ -171,15 +171,19 @@ class Prediction:
         """
         return selection.ranked(self.grasps, "highest", self.T_frame_table[:3, 2]).select(slice(0, 1))
 
-    def to_dict(self) -> dict[str, Any]:
-        """The prediction without clouds and meshes as plain values, for JSON."""
+    def to_dict(self, meshes: bool = False) -> dict[str, Any]:
+        """The prediction without clouds and meshes as plain values, for JSON.
+
+        Args:
+            meshes: whether to name the files that `write` puts the meshes into.
+        """
         return {
             "format": FORMAT,
             "frame_id": self.frame_id,
             "T_frame_table": self.T_frame_table.tolist(),
             "gripper": self.gripper.to_dict(),
             "classes": list(self.classes),
-            "objects": [_object_entry(item) for item in self.objects],
+            "objects": [_object_entry(item, meshes) for item in self.objects],
             "grasps": list(self._grasp_entries()),
             "rejected": self.rejected,
             "left_out": self.left_out,
@@ -216,7 +220,7 @@ class Prediction:
         if len(self.input_shape) == 2:
             # 0 is no object, k + 1 the object k.
             Image.fromarray((self.instance_mask + 1).astype(np.uint16)).save(folder / MASK_FILE)
-        (folder / RESULT_FILE).write_text(json.dumps(self.to_dict(), indent=1) + "\n")
+        (folder / RESULT_FILE).write_text(json.dumps(self.to_dict(meshes=True), indent=1) + "\n")
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
         """Writes the prediction as a folder that appears whole or not at all; an earlier prediction is replaced.
@@ -279,7 +283,7 @@ def _mesh_path(item: DetectedObject) -> str:
     return f"{MESH_FOLDER}/{item.instance_id:02d}_{class_name[:60]}.ply"
 
 
-def _object_entry(item: DetectedObject) -> dict[str, Any]:
+def _object_entry(item: DetectedObject, mesh: bool) -> dict[str, Any]:
     return {
         "instance_id": item.instance_id,
         "score": float(item.score),
@@ -288,7 +292,7 @@ def _object_entry(item: DetectedObject) -> dict[str, Any]:
         "points": len(item.points),
         "lower": item.points.min(axis=0).tolist(),
         "upper": item.points.max(axis=0).tolist(),
-        "mesh": _mesh_path(item),
+        **({"mesh": _mesh_path(item)} if mesh else {}),
     }
 
 

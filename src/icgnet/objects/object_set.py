@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from icgnet.errors import InputError
-from icgnet.objects.base import KINDS, SPLITS, Kind, ObjectSet, Split, cache_directory, check_kind_and_split
+from icgnet.objects.base import ObjectSet, cache_directory, check_kind_and_split
+from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split
 from icgnet.objects.mesh_folder import MeshFolderObjectSet
 from icgnet.objects.procedural import ProceduralObjectSet
 from icgnet.objects.urdf_set import UrdfObjectSet, is_vgn_layout

@@ -8,8 +8,9 @@ import numpy as np
 from trimesh.transformations import scale_and_translate
 
 from icgnet.objects import containers, sundries, toys
-from icgnet.objects.base import KINDS, Kind, ObjectSet, Split, check_kind_and_split, unknown_object
+from icgnet.objects.base import ObjectSet, check_kind_and_split, unknown_object
 from icgnet.objects.fingerprint import hash_texts
+from icgnet.objects.kinds import KINDS, Kind, Split
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.solids import Solid
 

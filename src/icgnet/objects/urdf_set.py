@@ -4,8 +4,9 @@ from collections import Counter
 from pathlib import Path
 
 from icgnet.errors import DataError
-from icgnet.objects.base import KINDS, FileObjectSet, Kind, ObjectFile, Split, doubles
+from icgnet.objects.base import FileObjectSet, ObjectFile, doubles
 from icgnet.objects.classes import VGN_CLASSES, VGN_VAL, read_alternatives, read_classes
+from icgnet.objects.kinds import KINDS, Kind, Split
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.urdf import read_urdf_object
 

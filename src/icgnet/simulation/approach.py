@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float
 
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
+from icgnet.simulation.config import Physics
 from icgnet.simulation.hand import add_swept_hand
-from icgnet.simulation.physics import Body, Physics, add_objects, new_spec
+from icgnet.simulation.physics import Body, add_objects, new_spec
 
 APPROACH_LENGTH = 0.05  # the hand comes in straight over this distance [m]
 PARKED = 5.0  # height of hands that are not in use [m]

@@ -6,7 +6,8 @@
 import mujoco
 
 from icgnet.grasping.gripper import Box, Gripper
-from icgnet.simulation.physics import PAD_PRIORITY, Physics, contact_settings
+from icgnet.simulation.config import Physics
+from icgnet.simulation.physics import PAD_PRIORITY, contact_settings
 
 PALM_MASS, FINGER_MASS = 0.8, 0.1
 # The fingers close with full force against this damping [N s/m]: 20 N give 0.2 m/s, the Franka hand's limit.

@@ -9,8 +9,9 @@ from icgnet.geometry.transforms import make_transform, transform_points
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.model import ObjectModel
+from icgnet.simulation.config import Physics
 from icgnet.simulation.motion import line_at_constant_speed, steps_in
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.world import World
 
 TIP_DEPTH = 0.03  # the finger tips go this far below the object's top [m]

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from icgnet.simulation.physics import Physics
+from icgnet.simulation.config import Physics
 
 
 def steps_in(duration: float, physics: Physics) -> int:

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from icgnet.errors import InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.objects.model import ObjectModel
+from icgnet.simulation.config import Physics
 
 # Contact parameters: a stiff contact (time constant two steps) that sinks in by a fraction of a millimetre.
 CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
@@ -21,35 +21,6 @@ CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 TABLE_PRIORITY, PAD_PRIORITY = 1, 2
 # The published drop box: inner edges of its walls, their thickness and height above the table [m].
 BOX_LOWER, BOX_UPPER, BOX_WALL, BOX_HEIGHT = 0.0239, 0.2761, 0.02, 0.13
-
-
-@dataclass(frozen=True)
-class Physics:
-    """Settings of the physics engine and of the materials; the friction pairs are those of the published benchmark.
-
-    Attributes:
-        timestep: [s].
-        impratio: stiffness of friction relative to the normal direction; high values keep held objects from creeping.
-        object_mass: of every object, whatever its size [kg].
-        object_friction: sliding friction of object on object and object on palm.
-        table_friction: sliding friction of anything on the table and on the drop box.
-        pad_friction: sliding friction of the finger pads on objects; None for the gripper's own value.
-        pad_torsion: torsional friction of the finger pads [m].
-    """
-
-    timestep: float = 0.004
-    impratio: float = 100.0
-    object_mass: float = 0.5
-    object_friction: float = 1.0
-    table_friction: float = 0.5
-    pad_friction: float | None = None
-    pad_torsion: float = 0.05
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.timestep <= 0.004:
-            raise InputError(f"timestep must be in (0, 0.004] s, got {self.timestep}")
-        if self.object_mass <= 0.0:
-            raise InputError(f"object_mass must be positive, got {self.object_mass} kg")
 
 
 @dataclass(frozen=True, eq=False)

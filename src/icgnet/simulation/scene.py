@@ -7,7 +7,8 @@ import trimesh
 from jaxtyping import Float, Int
 
 from icgnet.geometry.transforms import transform_points
-from icgnet.objects.object_set import Kind, ObjectSet
+from icgnet.objects.kinds import Kind
+from icgnet.objects.object_set import ObjectSet
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,11 @@ from jaxtyping import Float
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform, random_rotation, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.objects.kinds import Kind, Split
 from icgnet.objects.model import ObjectModel
-from icgnet.objects.object_set import Kind, ObjectSet, Split, check_kind_and_split
-from icgnet.simulation.physics import Body, Physics
+from icgnet.objects.object_set import ObjectSet, check_kind_and_split
+from icgnet.simulation.config import Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.settling import Settling
 from icgnet.simulation.world import World

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.approach import APPROACH_LENGTH, ApproachChecker
+from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import Contacts
 from icgnet.simulation.motion import smooth_line, steps_in
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.world import World
 
 ANGLES = len(APPROACH_ANGLES)
@@ -29,30 +29,6 @@ LIFT_CHECK = 15  # steps between two looks at the object while lifting
 LOST_SHIFT = 0.04  # an object that moved this far in the hand will not be lifted [m]
 HELD_STEPS = 5  # both fingers must touch the object in one of the last steps
 CLOSED_SPEED = 0.002  # fingers slower than this have closed [m/s]
-
-
-@dataclass(frozen=True)
-class Jitter:
-    """What a grasp must survive, drawn anew for every trial.
-
-    Attributes:
-        contact: standard deviation of the contact position along each axis [m].
-        normal: standard deviation of the normal about each tangent [rad].
-    """
-
-    contact: float = 0.0015
-    normal: float = float(np.deg2rad(4.0))
-
-    def __post_init__(self) -> None:
-        if self.contact < 0.0 or self.normal < 0.0:
-            raise InputError(f"jitter must not be negative, got contact {self.contact} m, normal {self.normal} rad")
-
-    def apply(
-        self, positions: Float[np.ndarray, "*n 3"], normals: Float[np.ndarray, "*n 3"], rng: np.random.Generator
-    ) -> tuple[Float[np.ndarray, "*n 3"], Float[np.ndarray, "*n 3"]]:
-        """Positions [m] and unit normals as an imperfect perception would give them."""
-        shifted = positions + rng.normal(scale=self.contact, size=positions.shape)
-        return shifted, _tilt(normals, rng.normal(scale=self.normal, size=normals.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +234,3 @@ def retreat_vector(T_world_grasp: Float[np.ndarray, "4 4"]) -> Float[np.ndarray,
     approach = T_world_grasp[:3, 2]
     is_from_side = np.arccos(np.clip(-approach[2], -1.0, 1.0)) > SIDE_GRASP
     return LIFT * np.array([0.0, 0.0, 1.0]) if is_from_side else -LIFT * approach
-
-
-def _tilt(normals: Float[np.ndarray, "*n 3"], tilts: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-    """Unit normals, turned a little: the tangential part of `tilts` [rad] is added to them."""
-    tangent = tilts - (tilts * normals).sum(axis=-1, keepdims=True) * normals
-    tilted = normals + tangent
-    return tilted / np.linalg.norm(tilted, axis=-1, keepdims=True)

@@ -11,8 +11,9 @@ from icgnet.geometry.transforms import invert_transform, make_transform, transfo
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.approach import APPROACH_LENGTH
+from icgnet.simulation.config import Physics
 from icgnet.simulation.motion import line_at_constant_speed, steps_in
-from icgnet.simulation.physics import Body, Physics
+from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import Scene
 from icgnet.simulation.settling import Settling
 from icgnet.simulation.trials import LIFT, retreat_vector

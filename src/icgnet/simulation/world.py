@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float, Int
 from icgnet.errors import DataError
 from icgnet.geometry.transforms import make_transform, matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
+from icgnet.simulation.config import Physics
 from icgnet.simulation.hand import SIDES, add_hand
-from icgnet.simulation.physics import Body, Physics, add_drop_box, add_objects, new_spec
+from icgnet.simulation.physics import Body, add_drop_box, add_objects, new_spec
 
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 # The engine would write a log file into the user's folder; `World.is_unstable` tells the same.

@@ -23,8 +23,7 @@ from icgnet.network.icgnet import IcgNet
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import is_stored_in_half, load_weights, save_weights
 from icgnet.network.weights_header import stored_checksum
-from icgnet.training.config import TRAININGS
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.config import TRAININGS, MatchingCosts
 from icgnet.training.metrics import queries_of_instances
 from icgnet.training.reliability import Reliability, reliability
 from icgnet.training.sample import Sample

@@ -8,11 +8,111 @@ from typing import Any, Literal
 from icgnet.errors import DataError, InputError
 from icgnet.files import write_json
 from icgnet.network.config import NETWORKS, NetworkConfig, Precision
-from icgnet.sensors.noise import NOISES, SensorNoise, exactly, up_to
+from icgnet.sensors.config import NOISES, SensorNoise, exactly, up_to
 from icgnet.settings import check_choices, check_range
-from icgnet.training.losses import PUBLISHED, LossWeights
-from icgnet.training.matching import PUBLISHED_COSTS, MatchingCosts
-from icgnet.training.views import EVALUATION_VIEWS, VIEW_RANGES, ViewRange
+
+
+@dataclass(frozen=True)
+class ViewRange:
+    """Cameras on a part of a sphere around a point above the workspace's centre.
+
+    Attributes:
+        share: how often this range is drawn, relative to the other ranges.
+        radius: least and largest distance of the camera [m].
+        polar_deg: least and largest angle from the vertical [degrees].
+        target: least and largest height that the camera looks at [m].
+    """
+
+    share: float
+    radius: tuple[float, float]
+    polar_deg: tuple[float, float]
+    target: tuple[float, float]
+
+
+VIEW_RANGES = (
+    ViewRange(0.40, (0.45, 0.75), (0.0, 45.0), (0.0, 0.25)),
+    ViewRange(0.40, (0.55, 0.75), (40.0, 62.0), (0.15, 0.25)),
+    ViewRange(0.10, (0.45, 0.75), (0.0, 4.0), (0.0, 0.25)),
+    ViewRange(0.10, (0.45, 0.75), (60.0, 75.0), (0.05, 0.25)),
+)
+"""Seen from above to obliquely, as published for training; the benchmark's view; straight down; and nearly level.
+
+Paper: "Observations" (polar 0 to 45 degrees). Differs: the benchmark looks from 45 to 60 degrees, so these are in.
+"""
+
+EVALUATION_VIEWS = (
+    ViewRange(0.5, (0.48, 0.72), (0.0, 45.0), (0.0, 0.0)),
+    ViewRange(0.5, (0.60, 0.75), (45.0, 60.0), (0.25, 0.25)),
+)
+"""The published views of training and of the benchmark, for validation."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Factors of the terms of the loss; a scene-level term with factor 0 is not computed.
+
+    Attributes:
+        class_: cross-entropy of the queries' classes.
+        mask: binary cross-entropy of matched masks.
+        dice: dice loss of matched masks.
+        occupancy: binary cross-entropy of each instance's occupancy.
+        grasp: binary cross-entropy of the twelve angles.
+        contact: binary cross-entropy of the contact's own score, whether any angle succeeds.
+        width: squared error of the width.
+        scene_occupancy: as `occupancy`, for the maximum over instances against the union.
+        scene_grasp: as `grasp`, for the maximum over instances.
+        no_object: weight in the class term of queries that shall say "no object".
+        seeded: every query learns the object that it was seeded on, instead of one query per object.
+        every_instance: decode each contact and point with every instance (published), instead of contacts with
+            their own and points with the nearest and another one.
+        divide_by_terms: divide the sum by the number of terms (published), instead of averaging over stages.
+    """
+
+    class_: float = 6.0
+    mask: float = 5.0
+    dice: float = 2.0
+    occupancy: float = 20.0
+    grasp: float = 10.0
+    contact: float = 1.0
+    width: float = 0.5
+    scene_occupancy: float = 0.0
+    scene_grasp: float = 0.0
+    no_object: float = 0.3
+    seeded: bool = True
+    every_instance: bool = False
+    divide_by_terms: bool = False
+
+
+PUBLISHED = LossWeights(
+    class_=10.0,
+    mask=5.0,
+    dice=2.0,
+    occupancy=5.0,
+    grasp=5.0,
+    contact=0.0,
+    width=1.0,
+    scene_occupancy=2.0,
+    scene_grasp=10.0,
+    no_object=0.1,
+    seeded=False,
+    every_instance=True,
+    divide_by_terms=True,
+)
+
+
+@dataclass(frozen=True)
+class MatchingCosts:
+    """Weights of the three parts of the assignment cost.
+
+    With seeded queries only the best of an object's own queries is looked for, and the mask says which that is.
+    """
+
+    class_probability: float = 2.0
+    mask: float = 5.0
+    dice: float = 5.0
+
+
+PUBLISHED_COSTS = MatchingCosts(class_probability=10.0, mask=5.0, dice=2.0)
 
 
 @dataclass(frozen=True)
@@ -152,7 +252,9 @@ class TrainingConfig:
         if self.network not in NETWORKS:
             raise InputError(f"unknown network {self.network!r}; the presets are {', '.join(NETWORKS)}")
         if (self.steps is None) == (self.minutes is None):
-            raise InputError(f"give either steps or minutes, got steps={self.steps} and minutes={self.minutes}")
+            raise InputError(
+                f"give either steps or minutes, and None for the other, got steps {self.steps}, minutes {self.minutes}"
+            )
         check_range(self, 1.0, "steps", "batch", "threads")
         check_range(self, 0.0, "minutes", "learning_rate", above=True)
         not_negative = ("workers", "warmup_steps", "weight_decay", "gradient_clip", "validation_scenes", "seed")

@@ -6,7 +6,7 @@ from icgnet.errors import InputError
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
 from icgnet.geometry.workspace import CENTRE
 from icgnet.objects.object_set import ObjectSet
-from icgnet.sensors.noise import NOISES, SensorNoise, exactly
+from icgnet.sensors.config import NOISES, SensorNoise, exactly
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
 from icgnet.training.observation import Exposure, SensedCloud, sense

@@ -19,6 +19,7 @@ from torch.utils.data import DataLoader
 from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError, TrainingDivergedError
 from icgnet.files import finite, keep_lines
+from icgnet.grasping.gripper import Gripper
 from icgnet.network.batch_norm import synchronise_statistics
 from icgnet.network.config import NetworkConfig
 from icgnet.network.icgnet import IcgNet
@@ -34,12 +35,11 @@ from icgnet.training.checkpoint import (
     restore,
     save_checkpoint,
 )
-from icgnet.training.config import TrainingConfig, training_record, write_or_compare
+from icgnet.training.config import LossWeights, MatchingCosts, TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches, gather_recipes, network_for
 from icgnet.training.interrupts import Interrupts, ignore_interrupts
 from icgnet.training.log import Clock, TrainingLog
-from icgnet.training.losses import LossWeights, TrainingLoss
-from icgnet.training.matching import MatchingCosts
+from icgnet.training.losses import TrainingLoss
 from icgnet.training.metrics import evaluate, selection_score
 from icgnet.training.muon import Muon
 from icgnet.training.processes import Accelerator, agreed, check_same, join_processes
@@ -64,6 +64,7 @@ def train(
     leg_steps: int | None = None,
     start: Path | None = None,
     accelerator: Accelerator = "auto",
+    gripper: Gripper | None = None,
 ) -> dict[str, float]:
     """Trains a network, or goes on with the run that `out` holds, and returns its last validation metrics.
 
@@ -82,6 +83,7 @@ def train(
         leg_steps: stop after so many steps of this call, with a checkpoint; None goes on to the end of the budget.
         start: weights that the run begins with; random ones if None.
         accelerator: what to compute on; "auto" takes a GPU where there is one.
+        gripper: the hand that the scenes must be labelled with; any, but the same for all, if None.
 
     Raises:
         InputError: fewer GPUs than processes.
@@ -92,6 +94,8 @@ def train(
         KeyboardInterrupt: the process was interrupted (SIGINT, SIGTERM) while it trained; the checkpoint is written.
     """
     recipes, header = gather_recipes(data)
+    if gripper is not None and (differences := gripper.differences(header.gripper)):
+        raise DataError(f"the scenes are labelled with another hand than {gripper.name!r}: {', '.join(differences)}")
     network = network_for(config.network, header)
     by_split = {split: [recipe for recipe in recipes if recipe.split == split] for split in ("train", "val")}
     if not by_split["train"]:

@@ -5,8 +5,6 @@ instance only, each term is a mean, and the weights balance the gradients for sh
 `PUBLISHED` has the released weights and the scene-level terms.
 """
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
@@ -14,7 +12,8 @@ from torch.nn import functional
 
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
-from icgnet.training.matching import MatchingCosts, match_queries
+from icgnet.training.config import LossWeights, MatchingCosts
+from icgnet.training.matching import match_queries
 from icgnet.training.sample import NOTHING, Sample
 
 WIDTH_SCALE = 40.0
@@ -22,59 +21,6 @@ WIDTH_SCALE = 40.0
 
 TERMS = ("class_", "mask", "dice", "occupancy", "grasp", "contact", "width", "scene_occupancy", "scene_grasp")
 """Names of the terms; not every scene has all of them."""
-
-
-@dataclass(frozen=True)
-class LossWeights:
-    """Factors of the terms of the loss; a scene-level term with factor 0 is not computed.
-
-    Attributes:
-        class_: cross-entropy of the queries' classes.
-        mask: binary cross-entropy of matched masks.
-        dice: dice loss of matched masks.
-        occupancy: binary cross-entropy of each instance's occupancy.
-        grasp: binary cross-entropy of the twelve angles.
-        contact: binary cross-entropy of the contact's own score, whether any angle succeeds.
-        width: squared error of the width.
-        scene_occupancy: as `occupancy`, for the maximum over instances against the union.
-        scene_grasp: as `grasp`, for the maximum over instances.
-        no_object: weight in the class term of queries that shall say "no object".
-        seeded: every query learns the object that it was seeded on, instead of one query per object.
-        every_instance: decode each contact and point with every instance (published), instead of contacts with
-            their own and points with the nearest and another one.
-        divide_by_terms: divide the sum by the number of terms (published), instead of averaging over stages.
-    """
-
-    class_: float = 6.0
-    mask: float = 5.0
-    dice: float = 2.0
-    occupancy: float = 20.0
-    grasp: float = 10.0
-    contact: float = 1.0
-    width: float = 0.5
-    scene_occupancy: float = 0.0
-    scene_grasp: float = 0.0
-    no_object: float = 0.3
-    seeded: bool = True
-    every_instance: bool = False
-    divide_by_terms: bool = False
-
-
-PUBLISHED = LossWeights(
-    class_=10.0,
-    mask=5.0,
-    dice=2.0,
-    occupancy=5.0,
-    grasp=5.0,
-    contact=0.0,
-    width=1.0,
-    scene_occupancy=2.0,
-    scene_grasp=10.0,
-    no_object=0.1,
-    seeded=False,
-    every_instance=True,
-    divide_by_terms=True,
-)
 
 
 class TrainingLoss(nn.Module):

@@ -3,31 +3,16 @@
 Paper: "Loss Formulation" (Hungarian matching on the segmentation loss only).
 """
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 from torch.nn import functional
 
+from icgnet.training.config import MatchingCosts
+
 FOREIGN_COST = 1e4
 """What it costs to take a query that was seeded on another object: more than any segmentation."""
-
-
-@dataclass(frozen=True)
-class MatchingCosts:
-    """Weights of the three parts of the assignment cost.
-
-    With seeded queries only the best of an object's own queries is looked for, and the mask says which that is.
-    """
-
-    class_probability: float = 2.0
-    mask: float = 5.0
-    dice: float = 5.0
-
-
-PUBLISHED_COSTS = MatchingCosts(class_probability=10.0, mask=5.0, dice=2.0)
 
 
 @torch.no_grad()

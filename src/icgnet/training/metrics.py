@@ -13,8 +13,9 @@ from torch import Tensor
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import select_instances
+from icgnet.training.config import MatchingCosts
 from icgnet.training.losses import seed_instances
-from icgnet.training.matching import MatchingCosts, match_queries
+from icgnet.training.matching import match_queries
 from icgnet.training.reliability import reliability
 from icgnet.training.sample import Sample
 

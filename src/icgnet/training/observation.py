@@ -9,7 +9,8 @@ from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import TRUNCATION_VOXELS, fuse
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, TABLE_MARGIN, above_table
-from icgnet.sensors.noise import SensorNoise, corrupt_depth, corrupt_points
+from icgnet.sensors.config import SensorNoise
+from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import DepthImage, SceneRenderer
 from icgnet.training.config import Sampling
 from icgnet.training.placements import Placement

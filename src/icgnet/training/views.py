@@ -8,41 +8,7 @@ from jaxtyping import Float
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import CENTRE
-
-
-@dataclass(frozen=True)
-class ViewRange:
-    """Cameras on a part of a sphere around a point above the workspace's centre.
-
-    Attributes:
-        share: how often this range is drawn, relative to the other ranges.
-        radius: least and largest distance of the camera [m].
-        polar_deg: least and largest angle from the vertical [degrees].
-        target: least and largest height that the camera looks at [m].
-    """
-
-    share: float
-    radius: tuple[float, float]
-    polar_deg: tuple[float, float]
-    target: tuple[float, float]
-
-
-VIEW_RANGES = (
-    ViewRange(0.40, (0.45, 0.75), (0.0, 45.0), (0.0, 0.25)),
-    ViewRange(0.40, (0.55, 0.75), (40.0, 62.0), (0.15, 0.25)),
-    ViewRange(0.10, (0.45, 0.75), (0.0, 4.0), (0.0, 0.25)),
-    ViewRange(0.10, (0.45, 0.75), (60.0, 75.0), (0.05, 0.25)),
-)
-"""Seen from above to obliquely, as published for training; the benchmark's view; straight down; and nearly level.
-
-Paper: "Observations" (polar 0 to 45 degrees). Differs: the benchmark looks from 45 to 60 degrees, so these are in.
-"""
-
-EVALUATION_VIEWS = (
-    ViewRange(0.5, (0.48, 0.72), (0.0, 45.0), (0.0, 0.0)),
-    ViewRange(0.5, (0.60, 0.75), (45.0, 60.0), (0.25, 0.25)),
-)
-"""The published views of training and of the benchmark, for validation."""
+from icgnet.training.config import ViewRange
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,10 @@ from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.approach import ApproachChecker
+from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import sample_contacts
-from icgnet.simulation.physics import Body, Physics
-from icgnet.simulation.trials import Jitter, Trials
+from icgnet.simulation.physics import Body
+from icgnet.simulation.trials import Trials
 
 CONTACTS = 200  # that are tried on every object
 THINNEST, SPARE = 0.008, 0.002  # no object is thinner; so much of the opening is left beside it [m]
