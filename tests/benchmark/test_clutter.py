@@ -10,8 +10,8 @@ from icgnet.benchmark.clutter import CONFIG_FILE, ROUNDS_FILE, ClutterJob, read_
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.planners.registry import BUILT_IN, PlannerSource
-from icgnet.benchmark.record import REPORT_FILE
+from icgnet.benchmark.planners.registry import BUILT_IN
+from icgnet.benchmark.record import REPORT_FILE, settings
 from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.clouds import PointCloud
@@ -20,7 +20,7 @@ from icgnet.objects.object_set import load_object_set
 from icgnet.parallel.pool import local_pool
 from icgnet.simulation.scene import Scene
 
-CHANCE = ClutterConfig(planner=PlannerSource("random"), scene="packed", split="val", runs=2, rounds=2)
+CHANCE = ClutterConfig(planner="random", scene="packed", split="val", runs=2, rounds=2)
 
 
 def attempt(success: bool, cause: str = "missed") -> Attempt:
@@ -151,7 +151,7 @@ def test_a_round_ends_after_two_failures_in_a_row(world):
 
 def test_a_round_begins_with_the_same_scene_and_camera_for_every_planner(world):
     first = round_scene(CHANCE, 1, 1, world[0])
-    again = round_scene(replace(CHANCE, planner=PlannerSource("oracle"), protocol="strict"), 1, 1, world[0])
+    again = round_scene(replace(CHANCE, planner="oracle", protocol="strict"), 1, 1, world[0])
     assert [each.name for each in first.objects] == [each.name for each in again.objects]
     for one, other in zip(first.objects, again.objects, strict=True):
         np.testing.assert_array_equal(one.T_world_object, other.T_world_object)
@@ -162,7 +162,7 @@ def test_a_round_begins_with_the_same_scene_and_camera_for_every_planner(world):
 
 def job_of(planner: str, world, **changes) -> ClutterJob:
     """A benchmark that has a round 17 of run 2."""
-    return ClutterJob(replace(CHANCE, planner=PlannerSource(planner), runs=3, rounds=18, **changes), *world)
+    return ClutterJob(replace(CHANCE, planner=planner, runs=3, rounds=18, **changes), *world)
 
 
 def play(job: ClutterJob, numbers: list[int], workers: int) -> dict[tuple[int, int], Round]:
@@ -281,7 +281,7 @@ def test_a_finished_benchmark_goes_on_naming_the_code_that_made_it(tmp_path, pla
 )
 def test_of_rounds_that_no_commit_was_noted_for_the_report_says_or_it_is_unknown(tmp_path, playing, report, commits):
     write_rounds(tmp_path, 3)
-    (tmp_path / CONFIG_FILE).write_text(json.dumps(clutter.settings(CHANCE)))
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(settings(CHANCE)))
     if report is not None:
         (tmp_path / REPORT_FILE).write_text(json.dumps(report))
     assert playing(tmp_path, "new")["commits"] == commits
@@ -289,7 +289,7 @@ def test_of_rounds_that_no_commit_was_noted_for_the_report_says_or_it_is_unknown
 
 def test_a_finished_folder_without_noted_commits_is_left_as_it_is(tmp_path, playing):
     write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
-    (tmp_path / CONFIG_FILE).write_text(json.dumps(clutter.settings(CHANCE)))
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(settings(CHANCE)))
     (tmp_path / REPORT_FILE).write_text(json.dumps({"origin": {"commit": "old"}}))
     before = {path.name: path.read_text() for path in tmp_path.glob("*.json*")}
     playing(tmp_path, "new")

@@ -8,13 +8,13 @@ from PIL import Image
 from box_objects import EDGE, BoxAndBall, placed
 from icgnet.benchmark import attempt_story, gallery
 from icgnet.benchmark.attempt_story import grip_line, is_same, meeting_points, story, target_index
-from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds, settings
+from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.gallery import draw_gallery, draw_replay, look_again, with_left_out, worst
 from icgnet.benchmark.observation import Truth, observe
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.chance import RandomPlanner
-from icgnet.benchmark.planners.registry import PlannerSource
+from icgnet.benchmark.record import settings
 from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.cli.main import USAGE_ERROR, main
@@ -23,9 +23,7 @@ from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
 from icgnet.viewer import attempt_picture
 
-CONFIG = ClutterConfig(
-    planner=PlannerSource("random"), scene="packed", split="val", protocol="strict", runs=1, rounds=1
-)
+CONFIG = ClutterConfig(planner="random", scene="packed", split="val", protocol="strict", runs=1, rounds=1)
 GRIPPER = load_gripper()
 
 

@@ -20,7 +20,7 @@ from icgnet.benchmark.report_rows import (
     source,
     table,
 )
-from icgnet.benchmark.reports import Report
+from icgnet.benchmark.reports import StoredReport
 from icgnet.errors import InputError
 
 SKIPPED = "nothing found"
@@ -40,7 +40,7 @@ SCORES = {
 }
 
 
-def compare(reports: Sequence[Report]) -> str:
+def compare(reports: Sequence[StoredReport]) -> str:
     """One page of Markdown with a section for each kind of number that there is a report of.
 
     Raises:
@@ -65,7 +65,7 @@ def compare(reports: Sequence[Report]) -> str:
     return "\n\n".join([INTRODUCTION, *sections, "\n".join(notes)]).rstrip() + "\n"
 
 
-def _clutter(reports: Sequence[Report]) -> list[str]:
+def _clutter(reports: Sequence[StoredReport]) -> list[str]:
     """A table for each view and noise: ours, then what was published for them."""
     headers = ("method", "protocol", "scenes", "measured by", "packed GSR", "packed DR", "pile GSR", "pile DR")
     sections = [
@@ -102,7 +102,7 @@ def _published(printed: PublishedTable) -> list[Row]:
     ]
 
 
-def _failures(reports: Sequence[Report]) -> list[str]:
+def _failures(reports: Sequence[StoredReport]) -> list[str]:
     """Causes that occur, the most frequent first."""
     counts = {report: _causes(report) for report in reports}
     totals = sum(counts.values(), Counter())
@@ -128,11 +128,11 @@ def _failures(reports: Sequence[Report]) -> list[str]:
     return [f"## Why attempts failed\n\n{meaning}\n\n{table(headers, rows)}"]
 
 
-def _causes(report: Report) -> Counter[str]:
+def _causes(report: StoredReport) -> Counter[str]:
     return Counter({cause: report.count("failures", cause) for cause in report.mapping("failures")})
 
 
-def _shapes(reports: Sequence[Report]) -> list[str]:
+def _shapes(reports: Sequence[StoredReport]) -> list[str]:
     headers = ("method", "protocol", "scenes", "measured by", *(f"{k} {n}" for k in ("packed", "pile") for n in _SHAPE))
     rows = []
     for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), "kind", irrelevant=("threads",)):
@@ -152,14 +152,14 @@ def _shapes(reports: Sequence[Report]) -> list[str]:
 _SHAPE = ("IoU, %", "C-L1, mm", "scenes without a shape")
 
 
-def _shape_values(report: Report | None) -> tuple[str, ...]:
+def _shape_values(report: StoredReport | None) -> tuple[str, ...]:
     if report is None:
         return (NOTHING,) * len(_SHAPE)
     rates = (_spread(report, digits, "scene", name) for name, digits in (("iou", 1), ("chamfer_l1_mm", 2)))
     return (*rates, str(report.count("without_shape")))
 
 
-def _instances(reports: Sequence[Report]) -> list[str]:
+def _instances(reports: Sequence[StoredReport]) -> list[str]:
     headers = ("method", "protocol", "scenes", "kind", "measured by", *(f"{name}, %" for name in SCORES.values()))
     rows = [
         Row(
@@ -172,7 +172,7 @@ def _instances(reports: Sequence[Report]) -> list[str]:
     return [f"## Instances\n\nWe know of no published values on these scenes.\n\n{table(headers, rows)}"]
 
 
-def _times(reports: Sequence[Report]) -> list[str]:
+def _times(reports: Sequence[StoredReport]) -> list[str]:
     stages = list(dict.fromkeys(stage for report in reports for stage in report.mapping("stages_ms")))
     rows = [
         Row(
@@ -197,28 +197,28 @@ def _times(reports: Sequence[Report]) -> list[str]:
     return [f"## Time\n\n{meaning}\n\n{table(headers, rows)}"]
 
 
-def _crowd(report: Report) -> str:
+def _crowd(report: StoredReport) -> str:
     return f"{report.value('settings', 'kind')}, {camera_and_noise(report)}, {pictures(report)}"
 
 
-def _hardware(report: Report) -> str:
+def _hardware(report: StoredReport) -> str:
     device, threads = report.value("device"), report.number("threads")
     return f"{report.value('origin', 'processor')}, {device}, {threads:g} {'thread' if threads == 1 else 'threads'}"
 
 
-def _time(report: Report) -> str:
+def _time(report: StoredReport) -> str:
     low, middle, high = (report.number(name) for name in ("p10_ms", "median_ms", "p90_ms"))
     return f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-def _stage(report: Report, stage: str) -> str:
+def _stage(report: StoredReport, stage: str) -> str:
     if stage not in report.mapping("stages_ms"):
         return NOTHING
     low, middle, high = (report.number(name, stage) for name in ("stages_p10_ms", "stages_ms", "stages_p90_ms"))
     return NOTHING if math.isnan(middle) else f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-def _spread(report: Report | None, digits: int, *keys: str) -> str:
+def _spread(report: StoredReport | None, digits: int, *keys: str) -> str:
     """A measured number of a report, if there is one and it is defined."""
     value = None if report is None else report.spread(*keys)
     if report is None or value is None:

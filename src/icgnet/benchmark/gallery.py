@@ -10,10 +10,10 @@ import numpy as np
 
 from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_index, title
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
-from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.config import OUR_NETWORK, ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan, Planner
-from icgnet.benchmark.planners.registry import PlannerSource, load_planner
+from icgnet.benchmark.planners.registry import load_planner
 from icgnet.benchmark.rounds import (
     NOTHING_FOUND,
     PLANNER,
@@ -176,8 +176,8 @@ def draw_gallery(
         InputError: a negative count, or a folder `gallery` with other files.
     """
     shots = worst(read_rounds(out / ROUNDS_FILE), count)
-    planner, object_set, gripper = load_planner(config.planner), load_object_set(config.objects), load_gripper()
-    believer = load_planner(_believing_all(config.planner)) if config.planner.name == "icgnet" else None
+    planner, object_set, gripper = load_planner(config), load_object_set(config.objects), load_gripper(config.gripper)
+    believer = load_planner(_believing_all(config)) if config.planner == OUR_NETWORK else None
     on_picture(0, len(shots))
     with output_folder(out / GALLERY_FOLDER, INDEX_FILE) as folder:
         index = []
@@ -195,9 +195,9 @@ def draw_gallery(
     return out / GALLERY_FOLDER
 
 
-def _believing_all(source: PlannerSource) -> PlannerSource:
-    """The network's planner without a least score."""
-    return replace(source, search=replace(source.search, min_score=0.0))
+def _believing_all(config: ClutterConfig) -> ClutterConfig:
+    """The same with the network's planner without a least score."""
+    return replace(config, search=replace(config.search, min_score=0.0))
 
 
 def _true_objects(seen: Replay) -> tuple[TrueObject, ...]:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.config import ClutterConfig, SceneConfig
 from icgnet.benchmark.observation import Observation, Truth, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.grasping.gripper import Gripper
@@ -107,12 +107,12 @@ class Round:
         return sum(attempt.success for attempt in self.attempts)
 
 
-def random_stream(config: ClutterConfig, run: int, index: int, *purpose: int) -> np.random.Generator:
+def random_stream(config: SceneConfig, run: int, index: int, *purpose: int) -> np.random.Generator:
     """The random stream of a purpose in a round; scenes, cameras and planners do not share any."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(run, index, *purpose)))
 
 
-def round_scene(config: ClutterConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
+def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
     """The scene that a round begins with, whatever planner is tested."""
     rng = random_stream(config, run, index, SCENE)
     return spawn_scene(config.scene, object_set, config.split, rng, OBJECTS)

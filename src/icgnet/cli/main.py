@@ -21,6 +21,7 @@ from icgnet.cli.objects import Objects
 from icgnet.cli.predict import Predict
 from icgnet.cli.sensors import Sensors
 from icgnet.cli.simulate import Simulate
+from icgnet.cli.study import Study
 from icgnet.cli.train import Train
 from icgnet.cli.version import Version
 from icgnet.cli.view import View
@@ -40,6 +41,7 @@ Command = (
     | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
+    | Annotated[Study, tyro.conf.subcommand("study")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Sensors, tyro.conf.subcommand("sensors")]
     | Annotated[Objects, tyro.conf.subcommand("objects")]

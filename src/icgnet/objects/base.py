@@ -13,14 +13,10 @@ from typing import Literal
 from icgnet.errors import InputError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.objects.fingerprint import hash_files
+from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split
 from icgnet.objects.model import ObjectModel
 
-Kind = Literal["packed", "pile"]
 Units = Literal["m", "mm"]
-Split = Literal["train", "val", "test"]
-
-KINDS: tuple[Kind, ...] = ("packed", "pile")
-SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
 _GRIDS_IN_MEMORY = 512
 
