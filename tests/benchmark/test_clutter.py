@@ -354,7 +354,7 @@ def test_a_folder_with_another_benchmark_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"protocol": "easy"}, "edge, strict, got 'easy'"),
+        ({"seed": -1}, "seed must be at least 0, got -1"),
         ({"runs": 0}, "runs"),
     ],
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from box_objects import RADIUS, BoxAndBall, placed
 from icgnet.benchmark.observation import Observation, Truth, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
@@ -20,6 +21,7 @@ from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights import save_weights
 from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.simulation.physics import Body, Physics
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Outcome, Trials
@@ -96,6 +98,7 @@ def test_where_nothing_is_seen_nothing_is_planned(planners, objects, name):
 def test_planned_hands_stay_above_the_table(planners, scene, objects, name):
     observation = look(scene, objects)
     plan = planners[name].plan(observation)
+    assert len(plan) > 0
     assert not hits_table(plan.poses, plan.openings, FRANKA, observation.table_height).any()
 
 
@@ -157,20 +160,36 @@ def play(planner: Planner, objects: ObjectSet, kind, seed: int, protocol: str) -
 
 @pytest.mark.slow
 def test_the_oracle_hardly_ever_fails(objects):
-    counts = {
-        (kind, protocol): np.sum([play(OraclePlanner(), objects, kind, seed, protocol) for seed in range(4)], axis=0)
-        for kind, protocol in (("packed", "strict"), ("pile", "strict"), ("pile", "edge"))
-    }
+    games = (("packed", "strict", 0), ("pile", "strict", 1), ("pile", "edge", 2), ("pile", "strict", 3))
+    counts = {(kind, *rest): play(OraclePlanner(), objects, kind, rest[1], rest[0]) for kind, *rest in games}
     attempts, successes = np.sum(list(counts.values()), axis=0)
-    assert attempts >= 40
+    assert attempts >= 14
     assert successes >= 0.99 * attempts, counts
 
 
-@pytest.mark.slow
-def test_seeing_opposed_points_beats_chance(objects):
-    _, antipodal = np.sum([play(AntipodalPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
-    _, chance = np.sum([play(RandomPlanner(), objects, "pile", seed, "edge") for seed in range(4)], axis=0)
-    assert antipodal >= chance + 4
+def share_of_successes(planner: Planner, scene: Scene) -> float:
+    """Of the first grasps of plans from eight places, all for objects that stand apart, in trials with an approach."""
+    own = BoxAndBall()
+    bodies = [Body(own.model(each.name), each.scale, each.T_world_object) for each in scene.objects]
+    centres = np.array([each.T_world_object[:3, 3] for each in scene.objects])
+    trials = Trials(bodies, FRANKA, Physics())
+    successes: list[bool] = []
+    for seed in range(8):
+        plan = planner.plan(look(scene, own, seed, full_opening=True))
+        for pose, opening in zip(plan.poses[:2], plan.openings[:2], strict=True):
+            target = int(np.linalg.norm(centres - pose[:3, 3], axis=1).argmin())
+            successes.append(trials.run_with_approach(pose, float(opening), target).success)
+    assert len(successes) >= 12
+    return float(np.mean(successes))
+
+
+def test_seeing_opposed_points_beats_chance():
+    """Balls that nothing settled, so that every processor has the same scene."""
+    height = TABLE_HEIGHT + RADIUS
+    scene = placed(("ball", (0.09, 0.1, height)), ("ball", (0.21, 0.2, height)))
+    antipodal, chance = (share_of_successes(planner, scene) for planner in (AntipodalPlanner(), RandomPlanner()))
+    assert antipodal >= 0.75
+    assert chance <= 0.5
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])

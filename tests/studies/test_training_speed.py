@@ -74,7 +74,7 @@ def test_the_dense_network_has_the_flops_that_its_sizes_say(speed):
 def test_the_backward_pass_has_about_twice_the_flops_of_the_forward_pass(speed):
     flops = speed.flops
     assert {"sparse", "dense", "refinement"} <= flops.modules.keys()
-    assert sum(flops.modules.values()) <= flops.forward * (1 + 1e-9)
+    assert max(flops.modules.values()) < flops.forward
     assert 1.5 * flops.forward < flops.backward < 2.1 * flops.forward
     assert flops.total == pytest.approx(flops.forward + flops.backward)
     assert flops.total_p10 / (1 + 1e-9) <= flops.total <= flops.total_p90 * (1 + 1e-9)

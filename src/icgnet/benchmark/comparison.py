@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from icgnet.benchmark.published_results import RATES, SHAPES, TIMES, PublishedTable
 from icgnet.benchmark.report_rows import (
     NOTES,
-    NOTHING,
     Pair,
     Row,
     camera_and_noise,
@@ -21,6 +20,7 @@ from icgnet.benchmark.report_rows import (
     table,
 )
 from icgnet.benchmark.reports import StoredReport
+from icgnet.benchmark.tables import NOTHING
 from icgnet.errors import InputError
 
 SKIPPED = "nothing found"
@@ -74,7 +74,7 @@ def _clutter(reports: Sequence[StoredReport]) -> list[str]:
     seen = dict.fromkeys((report.value("settings", "view"), report.value("settings", "noise")) for report in reports)
     for view, noise in sorted(seen, key=_published_first):
         own = [each for each in reports if (each.settings["view"], each.settings["noise"]) == (view, noise)]
-        rows = [_rates(pair) for pair in pair_up(own, "scene", irrelevant=("opening",))]
+        rows = [_rates(pair) for pair in pair_up(own, irrelevant=("opening",))]
         if any(report.value("settings", "protocol") == "edge" for report in own):  # none was published for others
             rows += [row for each in RATES if (each.view, each.noise) == (view, noise) for row in _published(each)]
         sections.append(f"### Camera {view}, noise {noise}\n\n{table(headers, rows)}")
@@ -135,13 +135,13 @@ def _causes(report: StoredReport) -> Counter[str]:
 def _shapes(reports: Sequence[StoredReport]) -> list[str]:
     headers = ("method", "protocol", "scenes", "measured by", *(f"{k} {n}" for k in ("packed", "pile") for n in _SHAPE))
     rows = []
-    for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), "kind", irrelevant=("threads",)):
+    for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), irrelevant=("threads",)):
         values = [value for each in (pair.packed, pair.pile) for value in _shape_values(each)]
         labels = (method_name(pair.first), camera_and_noise(pair.first), pictures(pair.first))
         rows.append(Row(labels, (source(pair.reports), *values), pair.reports))
-    for each in SHAPES:
-        values = (each.packed_iou, each.packed_chamfer, NOTHING, each.pile_iou, each.pile_chamfer, NOTHING)
-        rows.append(Row((each.method, each.protocol, each.scenes), (each.measured_by, *values)))
+    for *labels, packed_iou, packed_chamfer, pile_iou, pile_chamfer, who in SHAPES:
+        values = (packed_iou, packed_chamfer, NOTHING, pile_iou, pile_chamfer, NOTHING)
+        rows.append(Row(tuple(labels), (who, *values)))
     meaning = (
         "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
         "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
@@ -163,7 +163,7 @@ def _instances(reports: Sequence[StoredReport]) -> list[str]:
     headers = ("method", "protocol", "scenes", "kind", "measured by", *(f"{name}, %" for name in SCORES.values()))
     rows = [
         Row(
-            (method_name(report), camera_and_noise(report), pictures(report), str(report.value("settings", "kind"))),
+            (method_name(report), camera_and_noise(report), pictures(report), str(report.value("settings", "scene"))),
             (source([report]), *(_spread(report, 1, name) for name in SCORES)),
             (report,),
         )
@@ -183,11 +183,8 @@ def _times(reports: Sequence[StoredReport]) -> list[str]:
         for report in in_order(reports, method_name, pictures)
     ]
     rows += [
-        Row(
-            (each.method, NOTHING, NOTHING, each.hardware),
-            (each.measured_by, each.milliseconds, *[NOTHING] * len(stages)),
-        )
-        for each in TIMES
+        Row((method, NOTHING, NOTHING, hardware), (who, milliseconds, *[NOTHING] * len(stages)))
+        for method, milliseconds, hardware, who in TIMES
     ]
     meaning = (
         "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
@@ -198,7 +195,7 @@ def _times(reports: Sequence[StoredReport]) -> list[str]:
 
 
 def _crowd(report: StoredReport) -> str:
-    return f"{report.value('settings', 'kind')}, {camera_and_noise(report)}, {pictures(report)}"
+    return f"{report.value('settings', 'scene')}, {camera_and_noise(report)}, {pictures(report)}"
 
 
 def _hardware(report: StoredReport) -> str:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from icgnet.benchmark.reports import StoredReport
+from icgnet.benchmark.tables import Table
 from icgnet.inference.grasp_search import BEST_FEW
 
-NOTHING = "-"
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
 UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
 NOTES: Mapping[str, str] = {
@@ -58,51 +58,48 @@ class Row:
 def table(headers: Sequence[str], rows: Sequence[Row]) -> str:
     """A table in Markdown; rows that would be called the same are told apart by their folders."""
     called = [row.labels for row in rows]
-    lines = [headers, ["---"] * len(headers)]
+    lines = []
     for row in rows:
         name, *others = row.labels
         if row.reports and called.count(row.labels) > 1:
             name += f", in {' and '.join(each.name for each in row.reports)}"
         name += "".join(f" {mark}" for mark in _marks(row.reports))
         lines.append([name, *others, *row.cells])
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return Table(headers, lines).markdown()
 
 
-def pair_up(reports: Iterable[StoredReport], scene_key: str, irrelevant: Iterable[str]) -> list[Pair]:
+def pair_up(reports: Iterable[StoredReport], irrelevant: Iterable[str]) -> list[Pair]:
     """Reports with the same settings, side by side.
 
     Args:
         reports: of one kind of benchmark.
-        scene_key: the setting that says "packed" or "pile".
         irrelevant: settings that decide nothing.
     """
-    ignored = {scene_key, *irrelevant}
+    ignored = {"scene", *irrelevant}
     groups: dict[str, list[StoredReport]] = {}
     for report in reports:
         groups.setdefault(_key(report.settings, ignored), []).append(report)
     pairs: list[Pair] = []
     for group in groups.values():
         # One of each may come from different commits; with more of them, those of the same commit belong together.
-        scenes = [report.value("settings", scene_key) for report in group]
+        scenes = [report.value("settings", "scene") for report in group]
         if len(set(scenes)) == len(scenes):
-            pairs += _pairs(group, scene_key)
+            pairs += _pairs(group)
         else:
             for commits in dict.fromkeys(report.commits for report in group):
-                pairs += _pairs([report for report in group if report.commits == commits], scene_key)
+                pairs += _pairs([report for report in group if report.commits == commits])
     return pairs
 
 
-def _pairs(group: Sequence[StoredReport], scene_key: str) -> list[Pair]:
+def _pairs(group: Sequence[StoredReport]) -> list[Pair]:
     packed, pile = (
-        [report for report in group if report.value("settings", scene_key) == scene] for scene in ("packed", "pile")
+        [report for report in group if report.value("settings", "scene") == scene] for scene in ("packed", "pile")
     )
     return [Pair(*both) for both in zip_longest(packed, pile)]
 
 
 def _key(settings: Mapping[str, Any], ignored: set[str]) -> str:
     kept = {name: value for name, value in settings.items() if name not in ignored}
-    if isinstance(kept.get("search"), Mapping):  # whose opening the benchmark replaces
-        kept["search"] = {name: value for name, value in kept["search"].items() if name != "opening"}
     return json.dumps(kept, sort_keys=True)
 
 
@@ -133,9 +130,12 @@ def method_name(report: StoredReport) -> str:
         name += f", untrained preset {settings['preset']}"
     usual = asdict(BEST_FEW)
     search = report.mapping("settings", "search") if settings.get("search") else {}
-    unusual = [f"{key}={value}" for key, value in search.items() if key != "opening" and usual.get(key, value) != value]
+    unusual = [f"{key}={value}" for key, value in search.items() if usual.get(key, value) != value]
     if settings.get("level_table") is False:
         unusual.append("depth as measured")
+    hand = report.value("settings", "gripper", "name")
+    if hand != "franka":
+        unusual.append(f"hand {hand}")
     return f"{name} ({', '.join(unusual)})" if unusual else name
 
 

@@ -57,7 +57,7 @@ class Flops:
     """Floating-point operations of one forward and backward pass, per scene [1e9]; a multiply-add is two.
 
     Attributes:
-        modules: of the forward pass, mean of each module of the network that has any.
+        modules: of the forward pass, mean of each module of the network that has any, with those that it calls.
         forward: mean, losses included.
         backward: mean.
         total: mean of forward and backward together.
@@ -154,8 +154,8 @@ def measure(config: TrainingSpeedConfig) -> TrainingSpeedNumbers | None:
     if loader is None:
         return None
     return TrainingSpeedNumbers(
-        parts_ms={part: Times.of(per_scene * column) for part, column in zip(PARTS, timed.T, strict=True)},
-        step_ms=Times.of(per_scene * timed.sum(axis=1)),
+        parts_ms={part: Times.of((per_scene * column).tolist()) for part, column in zip(PARTS, timed.T, strict=True)},
+        step_ms=Times.of((per_scene * timed.sum(axis=1)).tolist()),
         modules_ms=modules,
         loader=loader,
         scenes_per_second=scenes_per_second,
