@@ -4,18 +4,19 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
+import yaml
 
 from icgnet.benchmark import clutter, rounds
 from icgnet.benchmark.clutter import CONFIG_FILE, ROUNDS_FILE, ClutterJob, read_rounds, run_clutter, summarise
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.planners.registry import BUILT_IN
+from icgnet.benchmark.planners.registry import BUILT_IN, load_planner
 from icgnet.benchmark.record import REPORT_FILE, settings
 from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.clouds import PointCloud
-from icgnet.grasping.gripper import load_gripper
+from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.object_set import load_object_set
 from icgnet.parallel.pool import local_pool
 from icgnet.simulation.scene import Scene
@@ -324,15 +325,43 @@ def test_a_line_that_is_no_round_is_named(tmp_path, change, message):
         read_rounds(tmp_path / ROUNDS_FILE)
 
 
+def test_reading_rounds_leaves_a_cut_off_line_where_it_is(tmp_path):
+    write_rounds(tmp_path, 2)
+    with (tmp_path / ROUNDS_FILE).open("a") as file:
+        file.write('{"run": 1')
+    before = (tmp_path / ROUNDS_FILE).read_bytes()
+    assert len(read_rounds(tmp_path / ROUNDS_FILE)) == 2
+    assert (tmp_path / ROUNDS_FILE).read_bytes() == before
+
+
+def test_the_hand_decides_and_is_in_the_report(tmp_path):
+    write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
+    wide = replace(load_gripper(), name="wide", friction=0.5)
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide.to_dict()))
+    config = replace(CHANCE, gripper=str(tmp_path / "wide.yaml"))
+    run_clutter(config, tmp_path)
+    assert Gripper.from_dict(json.loads((tmp_path / REPORT_FILE).read_text())["settings"]["gripper"]) == wide
+    with pytest.raises(DataError, match="holds another benchmark: gripper is"):
+        run_clutter(CHANCE, tmp_path)
+
+
+def test_a_hand_that_the_weights_do_not_know_is_refused(tmp_path):
+    wide = replace(load_gripper(), name="wide", friction=0.5)
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide.to_dict()))
+    with pytest.raises(InputError, match="wide"):
+        load_planner(ClutterConfig(gripper=str(tmp_path / "wide.yaml")))
+
+
 @pytest.mark.slow
 def test_a_killed_benchmark_goes_on_and_ends_as_an_uninterrupted_one(tmp_path):
-    whole = run_clutter(CHANCE, tmp_path / "whole")
+    config = replace(CHANCE, runs=1, rounds=2)
+    whole = run_clutter(config, tmp_path / "whole")
     lines = (tmp_path / "whole" / ROUNDS_FILE).read_text().splitlines(keepends=True)
-    assert len(lines) == 4
+    assert len(lines) == 2
     (tmp_path / "killed").mkdir()
     (tmp_path / "killed" / "config.json").write_text((tmp_path / "whole" / "config.json").read_text())
     (tmp_path / "killed" / ROUNDS_FILE).write_text(lines[0] + lines[1][:40])
-    resumed = run_clutter(CHANCE, tmp_path / "killed", workers=2)
+    resumed = run_clutter(config, tmp_path / "killed", workers=2)
     assert replace(resumed, plan_seconds=0.0) == replace(whole, plan_seconds=0.0)
 
     def attempts(folder):
