@@ -6,20 +6,17 @@ import numpy as np
 import pytest
 import yaml
 
-from icgnet.benchmark import clutter, rounds
+from icgnet.benchmark import clutter
 from icgnet.benchmark.clutter import CONFIG_FILE, ROUNDS_FILE, ClutterJob, read_rounds, run_clutter, summarise
 from icgnet.benchmark.config import ClutterConfig
-from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.registry import BUILT_IN, load_planner
 from icgnet.benchmark.record import REPORT_FILE, settings
-from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
+from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene, until_over
 from icgnet.errors import DataError, InputError
-from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.object_set import load_object_set
 from icgnet.parallel.pool import local_pool
-from icgnet.simulation.scene import Scene
 
 CHANCE = ClutterConfig(planner="random", scene="packed", split="val", runs=2, rounds=2)
 
@@ -88,31 +85,6 @@ def test_the_interval_is_the_one_of_wilson():
     assert (numbers.dr.low, numbers.dr.high) == pytest.approx((59.58, 98.21), abs=0.01)
 
 
-NOTHING = Scene("packed", ())
-
-
-class Script:
-    """A workcell of many objects, and a planner, to which happens what a text says, one letter for each picture.
-
-    The letters: S a success, F a failure, and 0 a picture in which nothing is found.
-    """
-
-    needs_truth = False
-
-    def __init__(self, text: str) -> None:
-        self._letters, self._now, self.remaining = iter(text), "", np.arange(100)
-
-    def scene(self):
-        return NOTHING
-
-    def plan(self, observation):
-        self._now = next(self._letters)
-        return Plan.nothing() if self._now == "0" else Plan(np.eye(4)[None], np.array([0.08]), np.ones(1))
-
-    def result(self, shot: Shot) -> Attempt:
-        return replace(attempt(self._now == "S"), attempt=shot.attempt)
-
-
 @pytest.mark.parametrize(
     ("text", "pictures", "skips"),
     [
@@ -124,19 +96,24 @@ class Script:
         ("0F0S0S", 5, 3),
     ],
 )
-def test_two_failures_in_a_row_or_three_skips_in_all_end_a_round(text, pictures, skips, monkeypatch, world):
-    script = Script(text)
-    nobody = Observation(PointCloud(np.zeros((0, 3)), np.zeros(3)), np.zeros((2, 2)), np.eye(3), np.eye(4), 0.05,
-                         world[1], full_opening=True, rng=np.random.default_rng(0))  # fmt: skip
-    monkeypatch.setattr(rounds, "round_scene", lambda *_: NOTHING)
-    monkeypatch.setattr(rounds, "Workcell", lambda *_: script)
-    monkeypatch.setattr(rounds, "look", lambda *_: nobody)
-    monkeypatch.setattr(rounds, "carry_out", lambda config, cell, shot, *_: script.result(shot))
-    played = play_round(CHANCE, 0, 0, script, *world)
-    assert (len(played.attempts) + len(played.skipped), played.skips) == (pictures, skips)
-    numbers = [each.attempt for each in (*played.attempts, *played.skipped)]
+def test_two_failures_in_a_row_or_three_skips_in_all_end_a_round(text, pictures, skips):
+    """The letters: S a success, F a failure, and 0 a picture in which nothing is found."""
+
+    def take(number: int) -> Shot:
+        letter = text[number]
+        return skipped(number) if letter == "0" else replace(attempt(letter == "S"), attempt=number)
+
+    attempts, without = until_over(take, lambda: 100)
+    assert (len(attempts) + len(without), len(without)) == (pictures, skips)
+    numbers = [each.attempt for each in (*attempts, *without)]
     assert sorted(numbers) == list(range(pictures)), "every picture has a camera of its own"
-    assert [each.success for each in played.attempts] == [letter == "S" for letter in text[:pictures] if letter != "0"]
+    assert [each.success for each in attempts] == [letter == "S" for letter in text[:pictures] if letter != "0"]
+
+
+def test_an_empty_table_ends_a_round():
+    left = iter([2, 1, 0])
+    attempts, without = until_over(lambda number: attempt(True), lambda: next(left))
+    assert (len(attempts), len(without)) == (2, 0)
 
 
 def test_a_round_ends_after_three_pictures_in_which_nothing_is_found(world):
@@ -215,8 +192,8 @@ def made_up_round(run: int, number: int) -> Round:
     return Round(run, number, 2, 1, 1, 0, [attempt(True), attempt(False)], [skipped()])
 
 
-def skipped() -> Shot:
-    return Shot(0, 0, 2, [], [], [], np.eye(4).tolist())
+def skipped(number: int = 2) -> Shot:
+    return Shot(0, 0, number, [], [], [], np.eye(4).tolist())
 
 
 def write_rounds(folder, count: int) -> None:
