@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "network": {"foundation", "geometry", "grasping", "objects"},
     "simulation": {"foundation", "geometry", "grasping", "objects"},
     "parallel": {"foundation"},
-    "sensors": {"foundation", "geometry", "simulation"},
+    "sensors": {"foundation", "geometry", "objects", "simulation"},
     "datagen": {"foundation", "geometry", "grasping", "objects", "simulation", "parallel"},
     "training": {
         "foundation",
@@ -48,6 +48,7 @@ MAY_IMPORT = {
         *("parallel", "training", "inference", "predictor", "viewer"),
     },
 }
+MAY_IMPORT["studies"] = {"benchmark", *MAY_IMPORT["benchmark"]}
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 
 AT_HOME = {
@@ -59,7 +60,7 @@ AT_HOME = {
     "matplotlib": {"viewer"},
     "pyarrow": {"datagen"},
     "tyro": {"cli"},
-    "torch": {"network", "training", "inference", "predictor", "benchmark"},
+    "torch": {"network", "training", "inference", "predictor", "benchmark", "studies"},
     "embreex": {"geometry", "simulation", "viewer"},
     "coacd": {"objects"},
 }

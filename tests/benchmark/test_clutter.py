@@ -4,23 +4,21 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
+import yaml
 
-from icgnet.benchmark import clutter, rounds
+from icgnet.benchmark import clutter
 from icgnet.benchmark.clutter import CONFIG_FILE, ROUNDS_FILE, ClutterJob, read_rounds, run_clutter, summarise
 from icgnet.benchmark.config import ClutterConfig
-from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.planners.registry import BUILT_IN, PlannerSource
-from icgnet.benchmark.record import REPORT_FILE
-from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene
+from icgnet.benchmark.planners.registry import BUILT_IN, load_planner
+from icgnet.benchmark.record import REPORT_FILE, settings
+from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene, until_over
 from icgnet.errors import DataError, InputError
-from icgnet.geometry.clouds import PointCloud
-from icgnet.grasping.gripper import load_gripper
+from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.object_set import load_object_set
 from icgnet.parallel.pool import local_pool
-from icgnet.simulation.scene import Scene
 
-CHANCE = ClutterConfig(planner=PlannerSource("random"), scene="packed", split="val", runs=2, rounds=2)
+CHANCE = ClutterConfig(planner="random", scene="packed", split="val", runs=2, rounds=2)
 
 
 def attempt(success: bool, cause: str = "missed") -> Attempt:
@@ -87,31 +85,6 @@ def test_the_interval_is_the_one_of_wilson():
     assert (numbers.dr.low, numbers.dr.high) == pytest.approx((59.58, 98.21), abs=0.01)
 
 
-NOTHING = Scene("packed", ())
-
-
-class Script:
-    """A workcell of many objects, and a planner, to which happens what a text says, one letter for each picture.
-
-    The letters: S a success, F a failure, and 0 a picture in which nothing is found.
-    """
-
-    needs_truth = False
-
-    def __init__(self, text: str) -> None:
-        self._letters, self._now, self.remaining = iter(text), "", np.arange(100)
-
-    def scene(self):
-        return NOTHING
-
-    def plan(self, observation):
-        self._now = next(self._letters)
-        return Plan.nothing() if self._now == "0" else Plan(np.eye(4)[None], np.array([0.08]), np.ones(1))
-
-    def result(self, shot: Shot) -> Attempt:
-        return replace(attempt(self._now == "S"), attempt=shot.attempt)
-
-
 @pytest.mark.parametrize(
     ("text", "pictures", "skips"),
     [
@@ -123,19 +96,24 @@ class Script:
         ("0F0S0S", 5, 3),
     ],
 )
-def test_two_failures_in_a_row_or_three_skips_in_all_end_a_round(text, pictures, skips, monkeypatch, world):
-    script = Script(text)
-    nobody = Observation(PointCloud(np.zeros((0, 3)), np.zeros(3)), np.zeros((2, 2)), np.eye(3), np.eye(4), 0.05,
-                         world[1], full_opening=True, rng=np.random.default_rng(0))  # fmt: skip
-    monkeypatch.setattr(rounds, "round_scene", lambda *_: NOTHING)
-    monkeypatch.setattr(rounds, "Workcell", lambda *_: script)
-    monkeypatch.setattr(rounds, "look", lambda *_: nobody)
-    monkeypatch.setattr(rounds, "carry_out", lambda config, cell, shot, *_: script.result(shot))
-    played = play_round(CHANCE, 0, 0, script, *world)
-    assert (len(played.attempts) + len(played.skipped), played.skips) == (pictures, skips)
-    numbers = [each.attempt for each in (*played.attempts, *played.skipped)]
+def test_two_failures_in_a_row_or_three_skips_in_all_end_a_round(text, pictures, skips):
+    """The letters: S a success, F a failure, and 0 a picture in which nothing is found."""
+
+    def take(number: int) -> Shot:
+        letter = text[number]
+        return skipped(number) if letter == "0" else replace(attempt(letter == "S"), attempt=number)
+
+    attempts, without = until_over(take, lambda: 100)
+    assert (len(attempts) + len(without), len(without)) == (pictures, skips)
+    numbers = [each.attempt for each in (*attempts, *without)]
     assert sorted(numbers) == list(range(pictures)), "every picture has a camera of its own"
-    assert [each.success for each in played.attempts] == [letter == "S" for letter in text[:pictures] if letter != "0"]
+    assert [each.success for each in attempts] == [letter == "S" for letter in text[:pictures] if letter != "0"]
+
+
+def test_an_empty_table_ends_a_round():
+    left = iter([2, 1, 0])
+    attempts, without = until_over(lambda number: attempt(True), lambda: next(left))
+    assert (len(attempts), len(without)) == (2, 0)
 
 
 def test_a_round_ends_after_three_pictures_in_which_nothing_is_found(world):
@@ -151,7 +129,7 @@ def test_a_round_ends_after_two_failures_in_a_row(world):
 
 def test_a_round_begins_with_the_same_scene_and_camera_for_every_planner(world):
     first = round_scene(CHANCE, 1, 1, world[0])
-    again = round_scene(replace(CHANCE, planner=PlannerSource("oracle"), protocol="strict"), 1, 1, world[0])
+    again = round_scene(replace(CHANCE, planner="oracle", protocol="strict"), 1, 1, world[0])
     assert [each.name for each in first.objects] == [each.name for each in again.objects]
     for one, other in zip(first.objects, again.objects, strict=True):
         np.testing.assert_array_equal(one.T_world_object, other.T_world_object)
@@ -162,7 +140,7 @@ def test_a_round_begins_with_the_same_scene_and_camera_for_every_planner(world):
 
 def job_of(planner: str, world, **changes) -> ClutterJob:
     """A benchmark that has a round 17 of run 2."""
-    return ClutterJob(replace(CHANCE, planner=PlannerSource(planner), runs=3, rounds=18, **changes), *world)
+    return ClutterJob(replace(CHANCE, planner=planner, runs=3, rounds=18, **changes), *world)
 
 
 def play(job: ClutterJob, numbers: list[int], workers: int) -> dict[tuple[int, int], Round]:
@@ -214,8 +192,8 @@ def made_up_round(run: int, number: int) -> Round:
     return Round(run, number, 2, 1, 1, 0, [attempt(True), attempt(False)], [skipped()])
 
 
-def skipped() -> Shot:
-    return Shot(0, 0, 2, [], [], [], np.eye(4).tolist())
+def skipped(number: int = 2) -> Shot:
+    return Shot(0, 0, number, [], [], [], np.eye(4).tolist())
 
 
 def write_rounds(folder, count: int) -> None:
@@ -281,7 +259,7 @@ def test_a_finished_benchmark_goes_on_naming_the_code_that_made_it(tmp_path, pla
 )
 def test_of_rounds_that_no_commit_was_noted_for_the_report_says_or_it_is_unknown(tmp_path, playing, report, commits):
     write_rounds(tmp_path, 3)
-    (tmp_path / CONFIG_FILE).write_text(json.dumps(clutter.settings(CHANCE)))
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(settings(CHANCE)))
     if report is not None:
         (tmp_path / REPORT_FILE).write_text(json.dumps(report))
     assert playing(tmp_path, "new")["commits"] == commits
@@ -289,7 +267,7 @@ def test_of_rounds_that_no_commit_was_noted_for_the_report_says_or_it_is_unknown
 
 def test_a_finished_folder_without_noted_commits_is_left_as_it_is(tmp_path, playing):
     write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
-    (tmp_path / CONFIG_FILE).write_text(json.dumps(clutter.settings(CHANCE)))
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(settings(CHANCE)))
     (tmp_path / REPORT_FILE).write_text(json.dumps({"origin": {"commit": "old"}}))
     before = {path.name: path.read_text() for path in tmp_path.glob("*.json*")}
     playing(tmp_path, "new")
@@ -324,15 +302,43 @@ def test_a_line_that_is_no_round_is_named(tmp_path, change, message):
         read_rounds(tmp_path / ROUNDS_FILE)
 
 
+def test_reading_rounds_leaves_a_cut_off_line_where_it_is(tmp_path):
+    write_rounds(tmp_path, 2)
+    with (tmp_path / ROUNDS_FILE).open("a") as file:
+        file.write('{"run": 1')
+    before = (tmp_path / ROUNDS_FILE).read_bytes()
+    assert len(read_rounds(tmp_path / ROUNDS_FILE)) == 2
+    assert (tmp_path / ROUNDS_FILE).read_bytes() == before
+
+
+def test_the_hand_decides_and_is_in_the_report(tmp_path):
+    write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
+    wide = replace(load_gripper(), name="wide", friction=0.5)
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide.to_dict()))
+    config = replace(CHANCE, gripper=str(tmp_path / "wide.yaml"))
+    run_clutter(config, tmp_path)
+    assert Gripper.from_dict(json.loads((tmp_path / REPORT_FILE).read_text())["settings"]["gripper"]) == wide
+    with pytest.raises(DataError, match="holds another benchmark: gripper is"):
+        run_clutter(CHANCE, tmp_path)
+
+
+def test_a_hand_that_the_weights_do_not_know_is_refused(tmp_path):
+    wide = replace(load_gripper(), name="wide", friction=0.5)
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide.to_dict()))
+    with pytest.raises(InputError, match="wide"):
+        load_planner(ClutterConfig(gripper=str(tmp_path / "wide.yaml")))
+
+
 @pytest.mark.slow
 def test_a_killed_benchmark_goes_on_and_ends_as_an_uninterrupted_one(tmp_path):
-    whole = run_clutter(CHANCE, tmp_path / "whole")
+    config = replace(CHANCE, runs=1, rounds=2)
+    whole = run_clutter(config, tmp_path / "whole")
     lines = (tmp_path / "whole" / ROUNDS_FILE).read_text().splitlines(keepends=True)
-    assert len(lines) == 4
+    assert len(lines) == 2
     (tmp_path / "killed").mkdir()
     (tmp_path / "killed" / "config.json").write_text((tmp_path / "whole" / "config.json").read_text())
     (tmp_path / "killed" / ROUNDS_FILE).write_text(lines[0] + lines[1][:40])
-    resumed = run_clutter(CHANCE, tmp_path / "killed", workers=2)
+    resumed = run_clutter(config, tmp_path / "killed", workers=2)
     assert replace(resumed, plan_seconds=0.0) == replace(whole, plan_seconds=0.0)
 
     def attempts(folder):
@@ -354,7 +360,7 @@ def test_a_folder_with_another_benchmark_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"protocol": "easy"}, "edge, strict, got 'easy'"),
+        ({"seed": -1}, "seed must be at least 0, got -1"),
         ({"runs": 0}, "runs"),
     ],
 )

@@ -15,7 +15,8 @@ from icgnet.benchmark.reports import find_reports
 from icgnet.errors import DataError, InputError
 
 WEIGHTS = "0123456789abcdef" * 4
-SEARCH = {"most": 5, "resample": True, "opening": "predicted"}
+HAND = {"gripper": {"name": "franka"}}
+SEARCH = {"most": 5, "resample": True}
 
 
 def measured(mean: float, std: float = 1.0) -> dict[str, float]:
@@ -37,7 +38,14 @@ def clutter(gsr: float = 90.0, commit: str | None = "aaa", played: int = 400, **
         "touching": 11,
         "lost": 4,
         "settings": {
-            **{"planner": "icgnet", "weights": WEIGHTS, "search": SEARCH, "scene": "packed", "objects": "data/vgn"},
+            **{
+                "planner": "icgnet",
+                "weights": WEIGHTS,
+                "search": SEARCH,
+                "scene": "packed",
+                "objects": "data/vgn",
+                **HAND,
+            },
             **{"split": "test", "view": "random", "noise": "gaussian", "protocol": "edge", "full_opening": True},
             **{"runs": 4, "rounds": 100, "seed": 1, **settings},
         },
@@ -46,7 +54,14 @@ def clutter(gsr: float = 90.0, commit: str | None = "aaa", played: int = 400, **
 
 
 def on_pictures(benchmark: str, values: dict[str, object], **settings: object) -> dict[str, object]:
-    common = {"objects": "procedural", "kind": "packed", "split": "test", "view": "random", "noise": "gaussian"}
+    common = {
+        "objects": "procedural",
+        "scene": "packed",
+        **HAND,
+        "split": "test",
+        "view": "random",
+        "noise": "gaussian",
+    }
     return {
         "benchmark": benchmark,
         **values,
@@ -111,6 +126,7 @@ def test_packed_and_pile_of_the_same_settings_share_a_row(page):
         {"weights": "f" * 64},
         {"search": {**SEARCH, "resample": False}},
         {"planner": "oracle"},
+        {"gripper": {"name": "wide"}},
     ],
     ids=lambda change: next(iter(change)),
 )
@@ -122,9 +138,8 @@ def test_reports_that_cannot_be_compared_get_rows_of_their_own(page, change):
     assert pile[4:6] == ["-", "-"]
 
 
-def test_the_opening_of_the_search_and_the_one_not_given_decide_nothing(page):
-    one, other = {**SEARCH, "opening": "full"}, {**SEARCH, "opening": "predicted"}
-    text = page(clutter(search=one, opening=None), clutter(scene="pile", search=other, opening="full"))
+def test_whether_the_usual_opening_was_given_decides_nothing(page):
+    text = page(clutter(opening=None), clutter(scene="pile", opening="full"))
     assert len(rows(section(text, "Camera random, noise gaussian"), "icgnet")) == 1
 
 
@@ -238,7 +253,7 @@ def test_an_unusual_search_is_named(page):
 
 
 def test_shapes_stand_beside_the_papers(page):
-    text = section(page(shapes(84.1, 2.344), shapes(70.0, None, kind="pile", threads=2)), "Shapes")
+    text = section(page(shapes(84.1, 2.344), shapes(70.0, None, scene="pile", threads=2)), "Shapes")
     (own,) = rows(text, "icgnet")
     assert own[4:7] == ["84.1 ± 1.0 [82.1, 86.1]", "2.34 ± 1.00 [0.34, 4.34]", "0"]
     assert own[7:] == ["70.0 ± 1.0 [68.0, 72.0]", "-", "100"]
@@ -254,7 +269,7 @@ def test_instances_and_times_have_sections(page):
     times = {"median_ms": 300.0, "p10_ms": 250.0, "p90_ms": 400.0, "device": "cpu", "threads": 1}
     times |= {"stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
     text = page(
-        on_pictures("segmentation", {**scores, "scenes": 100}, kind="pile"),
+        on_pictures("segmentation", {**scores, "scenes": 100}, scene="pile"),
         on_pictures("latency", times, weights=None, preset="paper", input="cloud"),
     )
     instances = rows(section(text, "Instances"), "icgnet")[0]

@@ -8,24 +8,21 @@ from PIL import Image
 from box_objects import EDGE, BoxAndBall, placed
 from icgnet.benchmark import attempt_story, gallery
 from icgnet.benchmark.attempt_story import grip_line, is_same, meeting_points, story, target_index
-from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds, settings
+from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.gallery import draw_gallery, draw_replay, look_again, with_left_out, worst
 from icgnet.benchmark.observation import Truth, observe
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.chance import RandomPlanner
-from icgnet.benchmark.planners.registry import PlannerSource
+from icgnet.benchmark.record import settings
 from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
-from icgnet.viewer import attempt_picture
 
-CONFIG = ClutterConfig(
-    planner=PlannerSource("random"), scene="packed", split="val", protocol="strict", runs=1, rounds=1
-)
+CONFIG = ClutterConfig(planner="random", scene="packed", split="val", protocol="strict", runs=1, rounds=1)
 GRIPPER = load_gripper()
 
 
@@ -90,9 +87,7 @@ def played(attempts: list[Attempt], pictures: list[Shot]) -> Round:
     return Round(0, 0, 5, len(pictures), 1, 0, attempts, pictures)
 
 
-@pytest.fixture
-def small_pictures(monkeypatch):
-    monkeypatch.setattr(attempt_picture, "PANEL", (118, 200))
+SMALL = (118, 200)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +150,7 @@ def test_looking_again_sees_the_same_cloud_and_plans_the_same_grasp(folder, watc
             assert not is_same(replace(shot, pose=np.eye(4).tolist()), seen.plan)
 
 
-def test_the_command_draws_the_failures_of_a_finished_benchmark(folder, watched, small_pictures, capsys):
+def test_the_command_draws_the_failures_of_a_finished_benchmark(folder, watched, capsys):
     arguments = ["--planner", "random", "--split", "val", "--protocol", "strict", "--runs", "1", "--rounds", "1"]
     assert main(["benchmark", "clutter", *arguments, "--out", str(folder), "--gallery", "2"]) == 0
     assert "gallery" in capsys.readouterr().out
@@ -170,7 +165,7 @@ def test_the_command_draws_the_failures_of_a_finished_benchmark(folder, watched,
     assert len(read_rounds(folder / ROUNDS_FILE)) == 1, "nothing was played again"
 
 
-def test_drawing_again_does_not_change_the_report_of_a_finished_benchmark(folder, small_pictures):
+def test_drawing_again_does_not_change_the_report_of_a_finished_benchmark(folder):
     (folder / "report.json").write_text('{"origin": "as it was"}')
     arguments = ["--planner", "random", "--split", "val", "--protocol", "strict", "--runs", "1", "--rounds", "1"]
     assert main(["benchmark", "clutter", *arguments, "--out", str(folder)]) == 0
@@ -183,11 +178,11 @@ def test_a_negative_number_of_pictures_is_refused_before_anything_is_played(tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_a_smaller_gallery_takes_the_place_of_a_larger_one(folder, small_pictures, monkeypatch):
+def test_a_smaller_gallery_takes_the_place_of_a_larger_one(folder, monkeypatch):
     blank = Image.new("RGB", (8, 8))
     monkeypatch.setattr(gallery, "attempt_picture", lambda scene: blank)
     for count in (2, 1):
-        draw_gallery(CONFIG, folder, count)
+        draw_gallery(CONFIG, folder, count, panel=SMALL)
         assert len(list((folder / "gallery").glob("*.png"))) == count
 
 

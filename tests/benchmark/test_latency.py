@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from icgnet.benchmark.latency import STAGES, LatencyNumbers, measure_latency, model_size, untrained_predictor
-from icgnet.benchmark.pictures import Picture, PictureConfig, take_picture
+from icgnet.benchmark.config import LatencyConfig, PictureConfig
+from icgnet.benchmark.latency import STAGES, LatencyNumbers, model_size, time_predictions, untrained_predictor
+from icgnet.benchmark.pictures import Picture, take_picture
+from icgnet.benchmark.record import settings
 from icgnet.benchmark.rounds import round_scene
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
@@ -35,20 +37,29 @@ def without_cloud(picture: Picture) -> Picture:
     return replace(picture, observation=replace(picture.observation, cloud=nothing))
 
 
-@pytest.fixture(scope="module")
-def calls() -> list[int]:
-    """One entry for each call of the predictor by `numbers`."""
-    return []
+class Counted(Predictor):
+    """A predictor that counts its calls."""
+
+    calls = 0
+
+    def predict_cloud(self, *args):
+        self.calls += 1
+        return super().predict_cloud(*args)
 
 
 @pytest.fixture(scope="module")
-def numbers(predictor, picture, calls) -> LatencyNumbers:
-    return measure_latency(predictor, [picture, without_cloud(picture)], 3, on_call=lambda: calls.append(1))
+def counted(predictor) -> Counted:
+    return Counted(predictor.network, search=predictor.search)
 
 
-def test_the_first_call_of_each_picture_is_not_timed(numbers, calls):
+@pytest.fixture(scope="module")
+def numbers(counted, picture) -> LatencyNumbers:
+    return time_predictions(counted, [picture, without_cloud(picture)], 3)
+
+
+def test_the_first_call_of_each_picture_is_not_timed(numbers, counted):
     assert numbers.calls == 3
-    assert len(calls) == 4
+    assert counted.calls == 4
 
 
 def test_stages_and_their_percentiles_are_in_order_and_within_the_whole(numbers, picture):
@@ -62,7 +73,7 @@ def test_stages_and_their_percentiles_are_in_order_and_within_the_whole(numbers,
 
 
 def test_a_depth_image_has_more_points_than_the_cloud_of_the_objects(numbers, predictor, picture):
-    assert measure_latency(predictor, [picture], 1, "depth").points > 3 * numbers.points
+    assert time_predictions(predictor, [picture], 1, "depth").points > 3 * numbers.points
 
 
 def test_the_size_counts_every_parameter_and_the_file(predictor):
@@ -76,9 +87,9 @@ def test_the_size_counts_every_parameter_and_the_file(predictor):
 
 def test_wrong_use_names_what_is_valid(predictor, picture):
     with pytest.raises(InputError, match="repeats must be at least 1, got 0"):
-        measure_latency(predictor, [picture], 0)
+        LatencyConfig(repeats=0)
     with pytest.raises(InputError, match="none of 1 scenes"):
-        measure_latency(predictor, [without_cloud(picture)], 1)
+        time_predictions(predictor, [without_cloud(picture)], 1)
     with pytest.raises(InputError, match="got 'huge'"):
         untrained_predictor("huge")
 
@@ -86,11 +97,17 @@ def test_wrong_use_names_what_is_valid(predictor, picture):
 def test_pictures_show_the_scenes_of_the_clutter_benchmark_whatever_the_camera(picture):
     objects, gripper = load_object_set("procedural"), load_gripper()
     other = take_picture(PictureConfig(scenes=7, view="top", noise="dex"), 0, objects, gripper)
-    for scene in (other.truth.scene, round_scene(PictureConfig().clutter, 0, 0, objects)):
+    for scene in (other.truth.scene, round_scene(PictureConfig(), 0, 0, objects)):
         for one, two in zip(scene.objects, picture.truth.scene.objects, strict=True):
             assert one.name == two.name
             np.testing.assert_array_equal(one.T_world_object, two.T_world_object)
     assert not np.array_equal(other.observation.T_world_camera, picture.observation.T_world_camera)
+
+
+def test_an_untrained_network_has_no_file_and_no_checksum():
+    assert model_size(untrained_predictor("tiny").network, None).file_bytes is None
+    assert "weights" not in settings(LatencyConfig(preset="tiny"))
+    assert settings(LatencyConfig(preset="tiny"))["preset"] == "tiny"
 
 
 def test_an_untrained_network_of_a_preset_is_the_same_every_time():
@@ -99,9 +116,8 @@ def test_an_untrained_network_of_a_preset_is_the_same_every_time():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [[], ["--preset", "tiny"]])
-def test_the_command_prints_stages_and_writes_a_report(model, tmp_path, capsys):
-    arguments = ["--scenes", "1", "--repeats", "1", "--threads", "1", "--out", str(tmp_path), *model]
+def test_the_command_prints_stages_and_writes_a_report(tmp_path, capsys):
+    arguments = ["--scenes", "1", "--repeats", "1", "--threads", "1", "--out", str(tmp_path)]
     assert main(["benchmark", "latency", *arguments]) == 0
     printed = capsys.readouterr().out
     assert "collision" in printed
@@ -109,11 +125,11 @@ def test_the_command_prints_stages_and_writes_a_report(model, tmp_path, capsys):
     report = json.loads((tmp_path / "report.json").read_text())
     assert 1 < report["median_ms"] < 60_000
     assert list(report["stages_ms"]) == ["input", "encode", "grasps", "collision", "select", "meshes"]
-    assert (report["settings"]["weights"] is None) == bool(model)
+    assert len(report["settings"]["weights"]) == 64
     assert report["threads"] == 1
     size = report["model"]
     assert size["bytes"] == 4 * size["parameters"] > 4e4
-    assert size["file_bytes"] is None if model else size["bytes"] / 2 < size["file_bytes"]
+    assert size["bytes"] / 2 < size["file_bytes"] < size["bytes"]
 
 
 def test_a_preset_with_weights_is_refused(capsys):

@@ -1,13 +1,12 @@
 """The built-in planners: their contract, and how good they are."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial import KDTree
 
+from box_objects import RADIUS, BoxAndBall, placed
 from icgnet.benchmark.observation import Observation, Truth, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
@@ -21,9 +20,10 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import hits_table
 from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights import save_weights
-from icgnet.objects.kinds import KINDS
 from icgnet.objects.object_set import ObjectSet, load_object_set
-from icgnet.simulation.scene import PlacedObject, Scene, scene_triangles
+from icgnet.simulation.config import Physics
+from icgnet.simulation.physics import Body
+from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Outcome, Trials
 from icgnet.simulation.workcell import PROTOCOLS, Workcell
@@ -161,45 +161,36 @@ def play(planner: Planner, objects: ObjectSet, kind, seed: int, protocol: str) -
 
 @pytest.mark.slow
 def test_the_oracle_hardly_ever_fails(objects):
-    counts = {
-        (kind, protocol): np.sum([play(OraclePlanner(), objects, kind, seed, protocol) for seed in range(4)], axis=0)
-        for kind, protocol in (("packed", "strict"), ("pile", "strict"), ("pile", "edge"))
-    }
+    games = (("packed", "strict", 0), ("pile", "strict", 1), ("pile", "edge", 2), ("pile", "strict", 3))
+    counts = {(kind, *rest): play(OraclePlanner(), objects, kind, rest[1], rest[0]) for kind, *rest in games}
     attempts, successes = np.sum(list(counts.values()), axis=0)
-    assert attempts >= 40
+    assert attempts >= 14
     assert successes >= 0.99 * attempts, counts
 
 
-def share_on_opposed_faces(plan: Plan, scene: Scene, objects: ObjectSet) -> float:
-    """The share of grasps whose fingers, closing, meet true surfaces that face them within the friction cone."""
-    corners = scene_triangles(scene, objects)[0].reshape(-1, 3)
-    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
-    closing, approach, origins = plan.poses[:, :3, 1], plan.poses[:, :3, 2], plan.poses[:, :3, 3]
-    contacts = origins - FRANKA.finger_reach * approach
-    facing = np.zeros((len(plan), 2))  # cosines; 0 for a finger that meets nothing on its way to the other
-    for finger, outward in enumerate((closing, -closing)):
-        starts = contacts + plan.openings[:, None] / 2 * outward
-        met, ray, triangle = mesh.ray.intersects_location(starts, -outward, multiple_hits=False)
-        between = np.linalg.norm(met - starts[ray], axis=1) < plan.openings[ray]
-        cosines = np.einsum("rk,rk->r", outward[ray], mesh.face_normals[triangle])
-        facing[ray[between], finger] = cosines[between]
-    return float((facing >= np.cos(np.arctan(FRANKA.friction))).all(axis=1).mean())
+def share_of_successes(planner: Planner, scene: Scene) -> float:
+    """Of the first grasps of plans from eight places, all for objects that stand apart, in trials with an approach."""
+    own = BoxAndBall()
+    bodies = [Body(own.model(each.name), each.scale, each.T_world_object) for each in scene.objects]
+    centres = np.array([each.T_world_object[:3, 3] for each in scene.objects])
+    trials = Trials(bodies, FRANKA, Physics())
+    successes: list[bool] = []
+    for seed in range(8):
+        plan = planner.plan(look(scene, own, seed, full_opening=True))
+        for pose, opening in zip(plan.poses[:2], plan.openings[:2], strict=True):
+            target = int(np.linalg.norm(centres - pose[:3, 3], axis=1).argmin())
+            successes.append(trials.run_with_approach(pose, float(opening), target).success)
+    assert len(successes) >= 12
+    return float(np.mean(successes))
 
 
-def test_seeing_opposed_points_beats_chance(objects):
-    """On the true shapes, over some 250 grasps of either planner: about 0.94 against 0.60."""
-    shares: dict[str, list[float]] = {"antipodal": [], "random": []}
-    for kind, seed in product(KINDS, range(2)):
-        scene = spawn_scene(kind, objects, "val", np.random.default_rng([7, seed]), 4)
-        seen = look(scene, objects, seed)
-        antipodal = AntipodalPlanner().plan(seen)
-        assert len(antipodal) > 30
-        shares["antipodal"].append(share_on_opposed_faces(antipodal, scene, objects))
-        for draw in range(4):
-            by_chance = RandomPlanner().plan(replace(seen, rng=np.random.default_rng(draw)))
-            shares["random"].append(share_on_opposed_faces(by_chance, scene, objects))
-    assert np.mean(shares["antipodal"]) > 0.8
-    assert np.mean(shares["antipodal"]) > np.mean(shares["random"]) + 0.2
+def test_seeing_opposed_points_beats_chance():
+    """Balls that nothing settled, so that every processor has the same scene."""
+    height = TABLE_HEIGHT + RADIUS
+    scene = placed(("ball", (0.09, 0.1, height)), ("ball", (0.21, 0.2, height)))
+    antipodal, chance = (share_of_successes(planner, scene) for planner in (AntipodalPlanner(), RandomPlanner()))
+    assert antipodal >= 0.75
+    assert chance <= 0.5
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])

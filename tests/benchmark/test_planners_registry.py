@@ -2,14 +2,17 @@
 
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 from icgnet.benchmark.planners.chance import RandomPlanner
 from icgnet.benchmark.planners.oracle import OraclePlanner
-from icgnet.benchmark.planners.registry import PlannerSource, load_planner
+from icgnet.benchmark.planners.registry import load_planner
 from icgnet.errors import DataError, InputError
+from icgnet.inference.grasp_search import GraspSearch
 
 OWN = """
 class Mine:
@@ -51,11 +54,11 @@ def own_module(tmp_path, monkeypatch) -> Iterator[str]:
 def test_built_in_planners_are_known_by_name():
     kinds = {"antipodal": AntipodalPlanner, "random": RandomPlanner, "oracle": OraclePlanner}
     for name, kind in kinds.items():
-        assert isinstance(load_planner(PlannerSource(name)), kind)
+        assert isinstance(load_planner(ClutterConfig(planner=name)), kind)
 
 
 def test_a_class_in_the_current_directory_is_found(own_module):
-    assert type(load_planner(PlannerSource(f"{own_module}:Mine"))).__name__ == "Mine"
+    assert type(load_planner(ClutterConfig(planner=f"{own_module}:Mine"))).__name__ == "Mine"
 
 
 @pytest.mark.parametrize(
@@ -75,11 +78,29 @@ def test_a_class_in_the_current_directory_is_found(own_module):
 )
 def test_what_is_wrong_with_a_planner_is_said(own_module, name, message):
     with pytest.raises(InputError, match=message):
-        load_planner(PlannerSource(name))
+        load_planner(ClutterConfig(planner=name))
 
 
-def test_weights_belong_to_the_network(tmp_path):
-    with pytest.raises(InputError, match="only the planner icgnet takes weights, not 'oracle'"):
-        load_planner(PlannerSource("oracle", tmp_path / "w.safetensors"))
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"weights": Path("w.safetensors")}, "weights"),
+        ({"threads": 2}, "threads"),
+        ({"search": GraspSearch(most=3)}, "search"),
+        ({"level_table": False}, "level_table"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_only_the_network_has_is_refused_for_other_planners(change, name):
+    with pytest.raises(InputError, match=f"only the planner icgnet takes {name}, not 'oracle'"):
+        ClutterConfig(planner="oracle", **change)
+
+
+def test_an_opening_of_the_search_is_refused_as_the_benchmark_has_its_own():
+    with pytest.raises(InputError, match=r"search\.opening has no effect here: give opening 'full' instead"):
+        ClutterConfig(search=GraspSearch(opening="full"))
+
+
+def test_weights_that_are_not_there_are_named(tmp_path):
     with pytest.raises(DataError, match="nowhere"):
-        load_planner(PlannerSource("icgnet", tmp_path / "nowhere.safetensors"))
+        load_planner(ClutterConfig(weights=tmp_path / "nowhere.safetensors"))

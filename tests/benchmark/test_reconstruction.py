@@ -135,7 +135,7 @@ def test_a_point_belongs_to_the_nearest_object_and_noise_to_none(truth):
 
 @pytest.mark.slow
 def test_the_command_prints_a_table_and_writes_a_report(tmp_path, capsys):
-    arguments = ["--scenes", "2", "--threads", "1", "--out", str(tmp_path)]
+    arguments = ["--scenes", "1", "--threads", "1", "--out", str(tmp_path)]
     assert main(["benchmark", "reconstruction", *arguments]) == 0
     assert "Chamfer-L1" in capsys.readouterr().out
     report = json.loads((tmp_path / "report.json").read_text())
@@ -143,7 +143,8 @@ def test_the_command_prints_a_table_and_writes_a_report(tmp_path, capsys):
     assert 0.2 < report["chamfer_l1_mm"] < 20
     assert report["scene"]["iou"]["low"] <= report["iou"] <= report["scene"]["iou"]["high"]
     assert 0 < report["matched"] <= report["visible"]
-    assert {"kind", "split", "view", "noise", "scenes", "seed", "weights", "threads"} <= report["settings"].keys()
+    assert report["settings"]["gripper"]["name"] == "franka"
+    assert {"scene", "split", "view", "noise", "scenes", "seed", "weights", "threads"} <= report["settings"].keys()
     assert len(report["settings"]["weights"]) == 64
     assert report["origin"]["processor"]
 

@@ -5,7 +5,10 @@ import pytest
 from icgnet.cli.main import USAGE_ERROR, main
 
 SPREAD = {"mean": 60.0, "std": 1.0, "low": 59.0, "high": 61.0}
-SETTINGS = {"objects": "procedural", "kind": "packed", "split": "test", "view": "random", "noise": "gaussian"}
+SETTINGS = {
+    **{"objects": "procedural", "scene": "packed", "split": "test", "view": "random", "noise": "gaussian"},
+    "gripper": {"name": "franka"},
+}
 REPORT = {
     "benchmark": "reconstruction",
     "scene": {"iou": SPREAD, "chamfer_l1_mm": SPREAD},

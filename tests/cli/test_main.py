@@ -73,9 +73,11 @@ def test_every_subcommand_has_help(name, capsys):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_overview_says_what_a_subcommand_does(name, capsys):
     assert main(["--help"]) == 0
-    about = COMMANDS[name][1]
+    about, doc = COMMANDS[name][1].removesuffix("."), load_command(name).__doc__ or ""
     assert f"{name} " in capsys.readouterr().out
-    assert (load_command(name).__doc__ or "").startswith(about.removesuffix("."))
+    # The beginning of a docstring, up to a mark.
+    assert doc.startswith(about)
+    assert not doc[len(about)].isalpha()
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ COMMANDS = {
     "reconstruction": ["benchmark", "reconstruction", "--scene", "pile"],
     "segmentation": ["benchmark", "segmentation", "--scene", "pile"],
     "latency": ["benchmark", "latency", "--scene", "pile", "--preset", "tiny"],
-    "simulation": ["benchmark", "simulation"],
+    "simulation": ["study", "simulation"],
 }
 
 

@@ -1,9 +1,9 @@
 import pytest
 
-from icgnet.benchmark.published import TRACE_RISE, TRACE_STANDOFF, TRACES
 from icgnet.objects.object_set import load_object_set
 from icgnet.simulation.config import Physics
 from icgnet.simulation.holds import hold_from_above
+from icgnet.studies.published import TRACE_RISE, TRACE_STANDOFF, TRACES
 
 
 @pytest.mark.parametrize("edges", [(0.03, 0.05, 0.1), (0.06, 0.07, 0.15), (0.008, 0.05, 0.06)])

@@ -168,5 +168,5 @@ def test_the_hand_retreats_upwards_after_a_side_grasp_and_else_as_it_came():
 
 
 def test_negative_jitter_is_refused():
-    with pytest.raises(InputError, match="jitter"):
+    with pytest.raises(InputError, match=r"contact must be at least 0, got -0\.001"):
         Jitter(contact=-0.001)

@@ -20,11 +20,6 @@ HAND, OUTLINE, FILL = (0.0, 0.6, 0.0), (0.0, 0.0, 0.9), (0.9, 0.4, 0.0)
 SECTION = (180, 320)
 
 
-@pytest.fixture(autouse=True)
-def small_pictures(monkeypatch):
-    monkeypatch.setattr(module, "PANEL", (235, 400))
-
-
 def cube(edge: float = EDGE) -> trimesh.Trimesh:
     return trimesh.creation.box([edge] * 3).apply_translation([0.15, 0.15, TABLE + EDGE / 2])
 
@@ -46,13 +41,14 @@ def scene() -> AttemptScene:
         T_world_camera=camera,
         table_height=TABLE,
         grasp=DrawnGrasp(DOWN, 0.08, GRIPPER, np.zeros((0, 3))),
+        panel=(235, 400),
     )
 
 
 def panels(scene: AttemptScene) -> list[np.ndarray]:
     """The four panels, left to right and downwards."""
     picture = np.asarray(attempt_picture(scene)).astype(int)
-    height, width = module.PANEL
+    height, width = scene.panel
     top = picture.shape[0] - module.LEGEND_HEIGHT - 2 * (height + module.GAP)
     corners = [
         (top + row * (height + module.GAP), column * (width + module.GAP)) for row in (0, 1) for column in (0, 1)

@@ -16,17 +16,16 @@ from scipy.stats import binomtest
 
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Planner
-from icgnet.benchmark.planners.registry import PlannerSource, load_planner
-from icgnet.benchmark.record import REPORT_FILE, source_commit, write_report
+from icgnet.benchmark.planners.registry import load_planner
+from icgnet.benchmark.record import REPORT_FILE, settings, source_commit, write_report
 from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
+from icgnet.benchmark.tables import Table
 from icgnet.errors import DataError
 from icgnet.files import cut_unfinished_line, new_file, write_json
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.network.weights_header import stored_checksum
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.parallel.lock import locked
 from icgnet.parallel.pool import local_pool
-from icgnet.predictor import DEFAULT_WEIGHTS
 
 CONFIG_FILE, ROUNDS_FILE, ATTEMPTS_FILE = "config.json", "rounds.jsonl", "attempts.jsonl"
 
@@ -56,6 +55,7 @@ class ClutterNumbers:
         gsr: successes by attempts.
         dr: objects grasped away by objects placed; what was pushed out of the workspace counts as not removed.
         attempts: grasps that were executed.
+        runs: in which scenes were played.
         rounds: scenes that were played.
         objects: that were placed.
         failures: number of failed attempts by cause, and pictures in which "nothing found".
@@ -67,6 +67,7 @@ class ClutterNumbers:
     gsr: Rate
     dr: Rate
     attempts: int
+    runs: int
     rounds: int
     objects: int
     failures: dict[str, int]
@@ -86,7 +87,7 @@ class ClutterJob:
     def make(self, number: int) -> Round:
         """The round of this number; those of all runs are counted through."""
         run, index = divmod(number, self.config.rounds)
-        return play_round(self.config, run, index, _planner(self.config.planner), self.object_set, self.gripper)
+        return play_round(self.config, run, index, _planner(self.config), self.object_set, self.gripper)
 
     def name(self, number: int) -> str:
         """How messages call a round."""
@@ -95,13 +96,13 @@ class ClutterJob:
 
 
 # A process keeps its planner, so that weights are read once and not for every round.
-_planners: dict[PlannerSource, Planner] = {}
+_planners: dict[ClutterConfig, Planner] = {}
 
 
-def _planner(source: PlannerSource) -> Planner:
-    if source not in _planners:
-        _planners[source] = load_planner(source)
-    return _planners[source]
+def _planner(config: ClutterConfig) -> Planner:
+    if config not in _planners:
+        _planners[config] = load_planner(config)
+    return _planners[config]
 
 
 def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
@@ -118,6 +119,7 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
         gsr=_rate(successes, tries),
         dr=_rate(successes, placed),
         attempts=sum(tries),
+        runs=len(runs),
         rounds=len(rounds),
         objects=sum(placed),
         failures=dict(failures),
@@ -134,6 +136,26 @@ def _rate(successes: Sequence[int], totals: Sequence[int]) -> Rate:
         return Rate(*[float("nan")] * 4)
     interval = binomtest(sum(successes), sum(totals)).proportion_ci(0.95, method="wilson")
     return Rate(float(np.mean(rates)), float(np.std(rates)), 100.0 * float(interval.low), 100.0 * float(interval.high))
+
+
+def tables(numbers: ClutterNumbers) -> list[Table]:
+    """What is printed."""
+    causes = sorted(numbers.failures.items(), key=lambda item: -item[1])
+    rows = [
+        ("grasp success rate, %", _rate_cell(numbers.gsr, numbers.runs)),
+        ("declutter rate, %", _rate_cell(numbers.dr, numbers.runs)),
+        ("rounds, objects, attempts", f"{numbers.rounds}, {numbers.objects}, {numbers.attempts}"),
+        *((cause if cause == NOTHING_FOUND else f"failed: {cause}", str(count)) for cause, count in causes),
+        ("attempts that touched something else on their way", str(numbers.touching)),
+        ("objects pushed out of the workspace", str(numbers.lost)),
+        ("planning, median", f"{numbers.plan_seconds:.2f} s"),
+    ]
+    return [Table(("what", "value"), rows)]
+
+
+def _rate_cell(rate: Rate, runs: int) -> str:
+    spread = f" ± {rate.std:.1f}" if runs > 1 else ""
+    return f"{rate.mean:.1f}{spread} (95 %: {rate.low:.1f} to {rate.high:.1f})"
 
 
 def run_clutter(
@@ -159,12 +181,13 @@ def run_clutter(
         DataError: a folder with another benchmark, one that another process is writing into, or a round there that
             cannot be read.
     """
-    job = ClutterJob(config, load_object_set(config.objects), load_gripper())
+    job = ClutterJob(config, load_object_set(config.objects), load_gripper(config.gripper))
     # What is wrong with the planner shows here, and not in a worker. A single process goes on with this one.
-    _planners[config.planner] = load_planner(config.planner)
+    _planners[config] = load_planner(config)
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _check_config(out / CONFIG_FILE, config)
+        cut_unfinished_line(out / ROUNDS_FILE)
         rounds = read_rounds(out / ROUNDS_FILE)
         on_round(rounds)
         done = {each.run * config.rounds + each.round for each in rounds}
@@ -180,19 +203,8 @@ def run_clutter(
         numbers = summarise(rounds)
         if missing or not (out / REPORT_FILE).is_file():
             _write_attempts(out / ATTEMPTS_FILE, rounds)
-            report = {"benchmark": "clutter", **asdict(numbers), "protocol": config.protocol, "commits": commits}
-            write_report(out, {**report, "settings": settings(config)})
+            write_report(out, "clutter", config, numbers, protocol=config.protocol, commits=commits)
     return numbers
-
-
-def settings(config: ClutterConfig) -> dict[str, object]:
-    """What the numbers depend on, as plain values; the weights by their checksum."""
-    planner, own = config.planner, {}
-    if planner.name == "icgnet":
-        own = {"weights": stored_checksum(planner.weights or DEFAULT_WEIGHTS), "search": asdict(planner.search)}
-        own["level_table"] = planner.level_table
-    # How many threads a planner computes with, and where its weights lie, decides nothing.
-    return {**asdict(config), "planner": planner.name, **own, "full_opening": config.full_opening}
 
 
 def _check_config(path: Path, config: ClutterConfig) -> None:
@@ -246,15 +258,14 @@ def _read_object(path: Path) -> dict[str, Any]:
 
 
 def read_rounds(path: Path) -> list[Round]:
-    """The finished rounds of a file; a last line that was cut off by a kill is cut away.
+    """The finished rounds of a file; a last line that was cut off by a kill is none.
 
     Raises:
         DataError: a line that is no round.
     """
     if not path.is_file():
         return []
-    cut_unfinished_line(path)
-    lines = path.read_text().splitlines()
+    lines = [line for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
     return [_round(line, f"{path}, line {number}") for number, line in enumerate(lines, start=1)]
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from icgnet.benchmark.published_results import RATES, SHAPES, TIMES, PublishedTable
 from icgnet.benchmark.report_rows import (
     NOTES,
-    NOTHING,
     Pair,
     Row,
     camera_and_noise,
@@ -20,7 +19,8 @@ from icgnet.benchmark.report_rows import (
     source,
     table,
 )
-from icgnet.benchmark.reports import Report
+from icgnet.benchmark.reports import StoredReport
+from icgnet.benchmark.tables import NOTHING
 from icgnet.errors import InputError
 
 SKIPPED = "nothing found"
@@ -40,7 +40,7 @@ SCORES = {
 }
 
 
-def compare(reports: Sequence[Report]) -> str:
+def compare(reports: Sequence[StoredReport]) -> str:
     """One page of Markdown with a section for each kind of number that there is a report of.
 
     Raises:
@@ -65,7 +65,7 @@ def compare(reports: Sequence[Report]) -> str:
     return "\n\n".join([INTRODUCTION, *sections, "\n".join(notes)]).rstrip() + "\n"
 
 
-def _clutter(reports: Sequence[Report]) -> list[str]:
+def _clutter(reports: Sequence[StoredReport]) -> list[str]:
     """A table for each view and noise: ours, then what was published for them."""
     headers = ("method", "protocol", "scenes", "measured by", "packed GSR", "packed DR", "pile GSR", "pile DR")
     sections = [
@@ -74,7 +74,7 @@ def _clutter(reports: Sequence[Report]) -> list[str]:
     seen = dict.fromkeys((report.value("settings", "view"), report.value("settings", "noise")) for report in reports)
     for view, noise in sorted(seen, key=_published_first):
         own = [each for each in reports if (each.settings["view"], each.settings["noise"]) == (view, noise)]
-        rows = [_rates(pair) for pair in pair_up(own, "scene", irrelevant=("opening",))]
+        rows = [_rates(pair) for pair in pair_up(own, irrelevant=("opening",))]
         if any(report.value("settings", "protocol") == "edge" for report in own):  # none was published for others
             rows += [row for each in RATES if (each.view, each.noise) == (view, noise) for row in _published(each)]
         sections.append(f"### Camera {view}, noise {noise}\n\n{table(headers, rows)}")
@@ -102,7 +102,7 @@ def _published(printed: PublishedTable) -> list[Row]:
     ]
 
 
-def _failures(reports: Sequence[Report]) -> list[str]:
+def _failures(reports: Sequence[StoredReport]) -> list[str]:
     """Causes that occur, the most frequent first."""
     counts = {report: _causes(report) for report in reports}
     totals = sum(counts.values(), Counter())
@@ -128,20 +128,20 @@ def _failures(reports: Sequence[Report]) -> list[str]:
     return [f"## Why attempts failed\n\n{meaning}\n\n{table(headers, rows)}"]
 
 
-def _causes(report: Report) -> Counter[str]:
+def _causes(report: StoredReport) -> Counter[str]:
     return Counter({cause: report.count("failures", cause) for cause in report.mapping("failures")})
 
 
-def _shapes(reports: Sequence[Report]) -> list[str]:
+def _shapes(reports: Sequence[StoredReport]) -> list[str]:
     headers = ("method", "protocol", "scenes", "measured by", *(f"{k} {n}" for k in ("packed", "pile") for n in _SHAPE))
     rows = []
-    for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), "kind", irrelevant=("threads",)):
+    for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), irrelevant=("threads",)):
         values = [value for each in (pair.packed, pair.pile) for value in _shape_values(each)]
         labels = (method_name(pair.first), camera_and_noise(pair.first), pictures(pair.first))
         rows.append(Row(labels, (source(pair.reports), *values), pair.reports))
-    for each in SHAPES:
-        values = (each.packed_iou, each.packed_chamfer, NOTHING, each.pile_iou, each.pile_chamfer, NOTHING)
-        rows.append(Row((each.method, each.protocol, each.scenes), (each.measured_by, *values)))
+    for *labels, packed_iou, packed_chamfer, pile_iou, pile_chamfer, who in SHAPES:
+        values = (packed_iou, packed_chamfer, NOTHING, pile_iou, pile_chamfer, NOTHING)
+        rows.append(Row(tuple(labels), (who, *values)))
     meaning = (
         "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
         "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
@@ -152,18 +152,18 @@ def _shapes(reports: Sequence[Report]) -> list[str]:
 _SHAPE = ("IoU, %", "C-L1, mm", "scenes without a shape")
 
 
-def _shape_values(report: Report | None) -> tuple[str, ...]:
+def _shape_values(report: StoredReport | None) -> tuple[str, ...]:
     if report is None:
         return (NOTHING,) * len(_SHAPE)
     rates = (_spread(report, digits, "scene", name) for name, digits in (("iou", 1), ("chamfer_l1_mm", 2)))
     return (*rates, str(report.count("without_shape")))
 
 
-def _instances(reports: Sequence[Report]) -> list[str]:
+def _instances(reports: Sequence[StoredReport]) -> list[str]:
     headers = ("method", "protocol", "scenes", "kind", "measured by", *(f"{name}, %" for name in SCORES.values()))
     rows = [
         Row(
-            (method_name(report), camera_and_noise(report), pictures(report), str(report.value("settings", "kind"))),
+            (method_name(report), camera_and_noise(report), pictures(report), str(report.value("settings", "scene"))),
             (source([report]), *(_spread(report, 1, name) for name in SCORES)),
             (report,),
         )
@@ -172,7 +172,7 @@ def _instances(reports: Sequence[Report]) -> list[str]:
     return [f"## Instances\n\nWe know of no published values on these scenes.\n\n{table(headers, rows)}"]
 
 
-def _times(reports: Sequence[Report]) -> list[str]:
+def _times(reports: Sequence[StoredReport]) -> list[str]:
     stages = list(dict.fromkeys(stage for report in reports for stage in report.mapping("stages_ms")))
     rows = [
         Row(
@@ -183,11 +183,8 @@ def _times(reports: Sequence[Report]) -> list[str]:
         for report in in_order(reports, method_name, pictures)
     ]
     rows += [
-        Row(
-            (each.method, NOTHING, NOTHING, each.hardware),
-            (each.measured_by, each.milliseconds, *[NOTHING] * len(stages)),
-        )
-        for each in TIMES
+        Row((method, NOTHING, NOTHING, hardware), (who, milliseconds, *[NOTHING] * len(stages)))
+        for method, milliseconds, hardware, who in TIMES
     ]
     meaning = (
         "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
@@ -197,28 +194,28 @@ def _times(reports: Sequence[Report]) -> list[str]:
     return [f"## Time\n\n{meaning}\n\n{table(headers, rows)}"]
 
 
-def _crowd(report: Report) -> str:
-    return f"{report.value('settings', 'kind')}, {camera_and_noise(report)}, {pictures(report)}"
+def _crowd(report: StoredReport) -> str:
+    return f"{report.value('settings', 'scene')}, {camera_and_noise(report)}, {pictures(report)}"
 
 
-def _hardware(report: Report) -> str:
+def _hardware(report: StoredReport) -> str:
     device, threads = report.value("device"), report.number("threads")
     return f"{report.value('origin', 'processor')}, {device}, {threads:g} {'thread' if threads == 1 else 'threads'}"
 
 
-def _time(report: Report) -> str:
+def _time(report: StoredReport) -> str:
     low, middle, high = (report.number(name) for name in ("p10_ms", "median_ms", "p90_ms"))
     return f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-def _stage(report: Report, stage: str) -> str:
+def _stage(report: StoredReport, stage: str) -> str:
     if stage not in report.mapping("stages_ms"):
         return NOTHING
     low, middle, high = (report.number(name, stage) for name in ("stages_p10_ms", "stages_ms", "stages_p90_ms"))
     return NOTHING if math.isnan(middle) else f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-def _spread(report: Report | None, digits: int, *keys: str) -> str:
+def _spread(report: StoredReport | None, digits: int, *keys: str) -> str:
     """A measured number of a report, if there is one and it is defined."""
     value = None if report is None else report.spread(*keys)
     if report is None or value is None:

@@ -1,67 +1,146 @@
-"""What decides the numbers of the clutter benchmark."""
+"""What decides the numbers of the benchmarks; nothing heavy is imported here."""
 
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
 
-from icgnet.benchmark.observation import NoiseName, ViewName
-from icgnet.benchmark.planners.registry import PlannerSource
 from icgnet.errors import InputError
-from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split
-from icgnet.simulation.workcell import PROTOCOLS
+from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
+from icgnet.objects.kinds import Kind, Split
+from icgnet.settings import check_choices, check_range
 
-OpeningName = Literal["full", "predicted"]
+ViewName = Literal["random", "side", "top"]
+NoiseName = Literal["none", "gaussian", "dex"]
+OUR_NETWORK = "icgnet"
 
 
-@dataclass(frozen=True)
-class ClutterConfig:
-    """What decides the numbers of a benchmark.
+@dataclass(frozen=True, kw_only=True)
+class SceneConfig:
+    """Scenes and pictures, the same for every benchmark with the same values."""
 
-    Attributes:
-        planner: what is tested.
-        scene: kind of scenes.
-        objects: source of the object set.
-        split: which objects.
-        view: where the camera may stand.
-        noise: what the sensor does.
-        protocol: what counts as a success.
-        opening: how far the hand is open while it approaches: fully, or as the planner says; None for what is usual in
-            the protocol (edge: full, strict: predicted).
-        runs: how often the rounds are repeated, with other scenes.
-        rounds: scenes of a run.
-        seed: of every random draw.
-    """
-
-    planner: PlannerSource = field(default_factory=PlannerSource)
-    scene: Kind = "packed"
     objects: str = "procedural"
+    """'procedural', or a folder of URDFs (VGN layout) or meshes."""
+    scene: Kind = "packed"
+    """Kind of scenes."""
     split: Split = "test"
+    """Which objects: val for choosing, test for reporting."""
     view: ViewName = "random"
+    """Where the camera stands."""
     noise: NoiseName = "gaussian"
-    protocol: str = "edge"
-    opening: OpeningName | None = None
-    runs: int = 4
-    rounds: int = 100
+    """What the sensor does."""
     seed: int = 1
+    """Of every random draw."""
+    gripper: str = "franka"
+    """Name of a hand that ships with the package, or a gripper file; the network must know it."""
 
     def __post_init__(self) -> None:
-        choices = {
-            "scene": KINDS,
-            "split": SPLITS,
-            "view": get_args(ViewName),
-            "noise": get_args(NoiseName),
-            "protocol": tuple(PROTOCOLS),
-            "opening": (None, *get_args(OpeningName)),
-        }
-        for name, valid in choices.items():
-            if getattr(self, name) not in valid:
-                names = ", ".join(str(each) for each in valid if each is not None)
-                raise InputError(f"{name} must be one of {names}, got {getattr(self, name)!r}")
-        for name, least in (("runs", 1), ("rounds", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        check_choices(self)
+        check_range(self, 0.0, "seed")
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        return (
+            f"{self.scene} scenes of {self.split} objects from {self.objects}, view {self.view}, noise {self.noise}, "
+            f"hand {self.gripper}, seed {self.seed}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClutterConfig(SceneConfig):
+    """Let a planner grasp scenes empty, and count."""
+
+    planner: str = OUR_NETWORK
+    """icgnet, antipodal, random, oracle, or module:Class of your own."""
+    weights: Path | None = None
+    """Weights file for icgnet; the one that ships with the package if not given."""
+    threads: int = 1
+    """CPU threads of icgnet's network in each process."""
+    search: GraspSearch = BEST_FEW
+    """How icgnet looks for grasps; how far the hand opens is said by --opening."""
+    level_table: bool = True
+    """For icgnet: take out a wrong depth scale, which the known height of the table tells."""
+    protocol: Literal["edge", "strict"] = "edge"
+    """What counts as a success: the published rules, or a free approach and the right object held."""
+    opening: Literal["full", "predicted"] | None = None
+    """How far the hand is open while it approaches; full in the protocol edge, predicted in strict, if not given."""
+    runs: int = 4
+    """How often the rounds are repeated, with other scenes."""
+    rounds: int = 100
+    """Scenes of a run."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, 1.0, "runs", "rounds", "threads")
+        if self.search.opening != BEST_FEW.opening:
+            raise InputError(f"search.opening has no effect here: give opening {self.search.opening!r} instead")
+        usual = {"weights": None, "threads": 1, "search": BEST_FEW, "level_table": True}
+        given = [name for name, value in usual.items() if getattr(self, name) != value]
+        if given and self.planner != OUR_NETWORK:
+            raise InputError(f"only the planner {OUR_NETWORK} takes {', '.join(given)}, not {self.planner!r}")
 
     @property
     def full_opening(self) -> bool:
         """Whether the hand approaches fully opened."""
         opening = self.opening or ("full" if self.protocol == "edge" else "predicted")
         return opening == "full"
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        opening = "full" if self.full_opening else "predicted"
+        return f"{self.planner}: {super().describe()}, protocol {self.protocol}, opening {opening}"
+
+    def decisive(self) -> dict[str, Any]:
+        """What the rounds depend on; how many threads compute decides nothing."""
+        values = asdict(self)
+        del values["threads"], values["search"]["opening"]
+        if self.planner != OUR_NETWORK:
+            del values["weights"], values["search"], values["level_table"]
+        return {**values, "full_opening": self.full_opening}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureConfig(SceneConfig):
+    """The first pictures of the scenes of run 0 of the clutter benchmark, and the network that sees them."""
+
+    scenes: int = 20
+    """How many scenes, with one picture each."""
+    weights: Path | None = None
+    """Weights file; the one that ships with the package if not given."""
+    threads: int | None = None
+    """CPU threads of the network."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, 1.0, "scenes", "threads")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LatencyConfig(PictureConfig):
+    """Time of each stage from a cloud or depth image to ranked, collision-checked grasps; size of the model."""
+
+    scenes: int = 5
+    """How many scenes, with one picture each."""
+    repeats: int = 10
+    """Timed predictions of each picture, after an untimed one."""
+    input: Literal["cloud", "depth"] = "cloud"
+    """What is given to the predictor: the fused cloud of the objects, or the depth image with the table."""
+    preset: Literal["paper", "default", "tiny"] | None = None
+    """Time an untrained network of this preset in place of weights; it finds other objects, so mind the stages."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, 1.0, "repeats")
+        if self.preset is not None and self.weights is not None:
+            raise InputError("give weights or preset, not both: a preset is timed untrained")
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        model = "the weights" if self.preset is None else f"the untrained preset {self.preset}"
+        return f"{super().describe()}, {model}, input {self.input}"
+
+    def decisive(self) -> dict[str, Any]:
+        """What the times depend on."""
+        values = asdict(self)
+        if self.preset is not None:
+            del values["weights"]
+        return values

@@ -10,10 +10,10 @@ import numpy as np
 
 from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_index, title
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
-from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.config import OUR_NETWORK, ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan, Planner
-from icgnet.benchmark.planners.registry import PlannerSource, load_planner
+from icgnet.benchmark.planners.registry import load_planner
 from icgnet.benchmark.rounds import (
     NOTHING_FOUND,
     PLANNER,
@@ -33,6 +33,7 @@ from icgnet.output_folder import output_folder
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.workcell import Workcell
 from icgnet.viewer.attempt_picture import (
+    PANEL,
     AttemptScene,
     DrawnGrasp,
     PredictedObject,
@@ -127,8 +128,8 @@ def with_left_out(
     return replace(seen, believed=plan, left_out=left_out)
 
 
-def draw_replay(seen: Replay) -> AttemptScene:
-    """What the picture of a replay shows."""
+def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
+    """What the picture of a replay shows, in panels of this height and width [pixels]."""
     shot, cloud = seen.shot, seen.observation.cloud
     prediction = seen.plan.details if isinstance(seen.plan.details, Prediction) else None
     instances = np.full(len(cloud), NO_INSTANCE)
@@ -153,11 +154,16 @@ def draw_replay(seen: Replay) -> AttemptScene:
         seen.observation.T_world_camera,
         seen.observation.table_height,
         grasp,
+        panel,
     )
 
 
 def draw_gallery(
-    config: ClutterConfig, out: Path, count: int, on_picture: Callable[[int, int], None] = lambda done, total: None
+    config: ClutterConfig,
+    out: Path,
+    count: int,
+    on_picture: Callable[[int, int], None] = lambda done, total: None,
+    panel: tuple[int, int] = PANEL,
 ) -> Path:
     """Draws the worst failures of a benchmark's folder into its folder `gallery`, which is replaced.
 
@@ -168,6 +174,7 @@ def draw_gallery(
         out: its folder.
         count: pictures at most.
         on_picture: called with the number of finished pictures and of all, at the start and after each one.
+        panel: height and width of each of the four parts of a picture [pixels].
 
     Returns:
         The folder with the pictures.
@@ -176,8 +183,8 @@ def draw_gallery(
         InputError: a negative count, or a folder `gallery` with other files.
     """
     shots = worst(read_rounds(out / ROUNDS_FILE), count)
-    planner, object_set, gripper = load_planner(config.planner), load_object_set(config.objects), load_gripper()
-    believer = load_planner(_believing_all(config.planner)) if config.planner.name == "icgnet" else None
+    planner, object_set, gripper = load_planner(config), load_object_set(config.objects), load_gripper(config.gripper)
+    believer = load_planner(_believing_all(config)) if config.planner == OUR_NETWORK else None
     on_picture(0, len(shots))
     with output_folder(out / GALLERY_FOLDER, INDEX_FILE) as folder:
         index = []
@@ -185,7 +192,7 @@ def draw_gallery(
             seen = look_again(config, shot, planner, object_set, gripper)
             if believer is not None and not isinstance(shot, Attempt):
                 seen = with_left_out(seen, config, believer, object_set, gripper)
-            scene = draw_replay(seen)
+            scene = draw_replay(seen, panel)
             name = f"{number:02d}_{cause_of(shot).replace(' ', '-')}_{shot.run}-{shot.round}-{shot.attempt}.png"
             attempt_picture(scene).save(folder / name)
             place = {"run": shot.run, "round": shot.round, "attempt": shot.attempt}
@@ -195,9 +202,9 @@ def draw_gallery(
     return out / GALLERY_FOLDER
 
 
-def _believing_all(source: PlannerSource) -> PlannerSource:
-    """The network's planner without a least score."""
-    return replace(source, search=replace(source.search, min_score=0.0))
+def _believing_all(config: ClutterConfig) -> ClutterConfig:
+    """The same with the network's planner without a least score."""
+    return replace(config, search=replace(config.search, min_score=0.0))
 
 
 def _true_objects(seen: Replay) -> tuple[TrueObject, ...]:

@@ -1,11 +1,12 @@
 """What a planner gets to see in the benchmark: one camera, a noisy depth image, and the fused cloud of the objects."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Float
 
+from icgnet.benchmark.config import NoiseName, ViewName
 from icgnet.errors import InputError
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
 from icgnet.geometry.clouds import PointCloud, radius_outlier_mask
@@ -17,9 +18,6 @@ from icgnet.sensors.config import NOISES, SensorNoise, exactly
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
-
-ViewName = Literal["random", "side", "top"]
-NoiseName = Literal["none", "gaussian", "dex"]
 
 
 @dataclass(frozen=True)

@@ -1,61 +1,23 @@
 """Scenes and pictures for the numbers of the network: those with which the rounds of the clutter benchmark begin."""
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar
 
-import torch
+from rich.console import Console
+from rich.progress import track
 
-from icgnet.benchmark.config import ClutterConfig
-from icgnet.benchmark.observation import NoiseName, Observation, ViewName, observe
+from icgnet.benchmark.config import PictureConfig
+from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.rounds import CAMERA, random_stream, round_scene
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper
 from icgnet.inference.prediction import Prediction
-from icgnet.network.weights_header import stored_checksum
-from icgnet.objects.kinds import Kind, Split
-from icgnet.objects.object_set import ObjectSet
+from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.predictor import Predictor
 
-
-@dataclass(frozen=True)
-class PictureConfig:
-    """Which pictures a number is measured on.
-
-    Attributes:
-        kind: of scenes.
-        split: which objects.
-        view: where the camera may stand.
-        noise: what the sensor does.
-        scenes: how many, with one picture each.
-        seed: of every random draw.
-    """
-
-    kind: Kind = "packed"
-    split: Split = "test"
-    view: ViewName = "random"
-    noise: NoiseName = "gaussian"
-    scenes: int = 20
-    seed: int = 1
-
-    def __post_init__(self) -> None:
-        if self.scenes < 1:
-            raise InputError(f"scenes must be at least 1, got {self.scenes}")
-        _ = self.clutter  # which checks the rest
-
-    @property
-    def clutter(self) -> ClutterConfig:
-        """The clutter benchmark whose run 0 has these scenes."""
-        return ClutterConfig(
-            scene=self.kind,
-            split=self.split,
-            view=self.view,
-            noise=self.noise,
-            runs=1,
-            rounds=self.scenes,
-            seed=self.seed,
-        )
+Measured = TypeVar("Measured")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +48,8 @@ def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripp
     Raises:
         InputError: the object set has nothing for this kind and split.
     """
-    scene = round_scene(config.clutter, 0, index, object_set)
-    rng = random_stream(config.clutter, 0, index, CAMERA, 0)
+    scene = round_scene(config, 0, index, object_set)
+    rng = random_stream(config, 0, index, CAMERA, 0)
     observation = observe(scene, object_set, config.view, config.noise, gripper, full_opening=True, rng=rng)
     return Picture(index, TrueShapes(scene, object_set), observation)
 
@@ -102,16 +64,25 @@ def take_pictures(config: PictureConfig, object_set: ObjectSet, gripper: Gripper
         yield take_picture(config, index, object_set, gripper)
 
 
-def settings(config: PictureConfig, objects: str, weights: Path | None) -> dict[str, object]:
-    """What the numbers of a network depend on, for a report.
-
-    Args:
-        config: which pictures.
-        objects: source of the object set.
-        weights: file of the network's weights; None if it is untrained.
+def load_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
+    """The pictures, taken one after the other, with a bar on standard error that shows how many have been.
 
     Raises:
-        DataError: the weights cannot be read.
+        IcgnetError: unusable objects, or a set that has nothing for this kind and split.
     """
-    checksum = None if weights is None else stored_checksum(weights)
-    return {"objects": objects, **asdict(config), "weights": checksum, "threads": torch.get_num_threads()}
+    console = Console(stderr=True)
+    pictures = take_pictures(config, load_object_set(config.objects), gripper)
+    shown = track(pictures, "scenes", config.scenes, console=console, transient=True, disable=not console.is_terminal)
+    return iter(shown)
+
+
+def some(scenes: Iterable[Measured], config: PictureConfig) -> list[Measured]:
+    """The scenes that could be measured.
+
+    Raises:
+        InputError: there is none.
+    """
+    measured = list(scenes)
+    if not measured:
+        raise InputError(f"none of {config.scenes} scenes has an object that can be seen: ask for more scenes")
+    return measured

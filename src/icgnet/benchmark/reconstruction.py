@@ -13,9 +13,11 @@ from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
-from icgnet.benchmark.pictures import Picture
+from icgnet.benchmark.config import PictureConfig
+from icgnet.benchmark.pictures import Picture, load_pictures, some
 from icgnet.benchmark.segmentation import label_overlaps, visible_objects
-from icgnet.benchmark.statistics import Spread, mean_or_none, spread
+from icgnet.benchmark.statistics import Spread, cells, mean_or_none, spread
+from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.inference.prediction import Prediction
 from icgnet.predictor import Predictor
@@ -91,6 +93,7 @@ class ReconstructionNumbers:
         without_shape: of these, scenes in which no surface was predicted.
         visible: objects with points in the clouds.
         matched: of these, the objects that an instance was matched to.
+        rows: what was measured on each scene.
     """
 
     iou: float | None
@@ -104,9 +107,46 @@ class ReconstructionNumbers:
     without_shape: int
     visible: int
     matched: int
+    rows: tuple[SceneScores, ...]
 
 
 NAMES = tuple(field.name for field in fields(ShapeScores))
+
+
+def measure(config: PictureConfig) -> ReconstructionNumbers:
+    """The shapes that a network predicts for the pictures of a configuration.
+
+    Raises:
+        IcgnetError: unusable objects, weights or gripper, or no scene with an object that can be seen.
+    """
+    predictor = Predictor.load(config.weights, config.threads, config.gripper)
+    return summarise(some(score_shapes(predictor, load_pictures(config, predictor.gripper)), config))
+
+
+def tables(numbers: ReconstructionNumbers) -> list[Table]:
+    """What is printed."""
+    labels = {
+        "iou": ("IoU, %", 1),
+        "chamfer_l1_mm": ("Chamfer-L1, mm", 2),
+        "accuracy_mm": ("  accuracy", 2),
+        "completeness_mm": ("  completeness", 2),
+        "f_score_3mm": ("F-score 3 mm, %", 1),
+        "f_score_10mm": ("F-score 10 mm, %", 1),
+    }
+    rows = [
+        (label, *cells(numbers.scene[name], digits), *cells(numbers.per_instance[name], digits))
+        for name, (label, digits) in labels.items()
+    ]
+    rows.append(("IoU, missed = 0, %", "", "", *cells(numbers.per_instance["iou_of_visible"])))
+    rows.append(("found, %", "", "", *cells(numbers.per_instance["found"])))
+    distance, share = cells(numbers.outer["chamfer_l1_mm"], 2)[0], cells(numbers.outer["f_score_3mm"])[0]
+    notes = (
+        f"3 mm is 1 % of the workspace. Against the outer true surface only: Chamfer-L1 {distance} mm, "
+        f"F-score at 3 mm {share} %.",
+        f"{numbers.matched} of {numbers.visible} visible objects found; "
+        f"{numbers.without_shape} of {numbers.scenes} scenes without any predicted shape.",
+    )
+    return [Table(("± std over scenes", "scene", "95 %", "object found", "95 %"), rows, notes=notes)]
 
 
 def score_shapes(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[SceneScores]:
@@ -257,6 +297,7 @@ def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
         without_shape=sum(each.scene.chamfer_l1_mm is None for each in scenes),
         visible=sum(each.visible for each in scenes),
         matched=sum(len(each.instances) for each in scenes),
+        rows=tuple(scenes),
     )
 
 

@@ -3,12 +3,14 @@
 import os
 import platform
 import subprocess
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from icgnet.files import write_json
+from icgnet.grasping.gripper import load_gripper
+from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
 
 REPORT_FILE = "report.json"
 
@@ -41,14 +43,48 @@ def origin() -> Origin:
     return Origin(package, source_commit(), _processor(), os.cpu_count() or 1, platform.python_version())
 
 
-def write_report(out: Path | None, report: Mapping[str, object]) -> None:
-    """Writes a report and what it was made with into a folder, if one is given.
+def write_report(out: Path | None, kind: str, config: Any, numbers: Any, **more: object) -> None:
+    """Writes numbers, what decided them and what they were made with into a folder, if one is given.
+
+    Args:
+        out: the folder.
+        kind: what was measured.
+        config: the dataclass that decided the numbers.
+        numbers: a dataclass.
+        more: entries of the report.
 
     Raises:
-        DataError: the system cannot write.
+        DataError: the system cannot write, or weights or gripper cannot be read.
     """
     if out is not None:
+        report = {"benchmark": kind, **asdict(numbers), **more, "settings": settings(config)}
         write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
+
+
+def settings(config: Any) -> dict[str, Any]:
+    """What decides numbers, as plain values: the hand with its measures, weights by their checksum.
+
+    Args:
+        config: a dataclass; one in which not everything decides has a method `decisive`.
+
+    Raises:
+        DataError: the weights or the gripper cannot be read.
+    """
+    values = _plain(config.decisive() if hasattr(config, "decisive") else asdict(config))
+    if "gripper" in values:
+        values["gripper"] = load_gripper(config.gripper).to_dict()
+    if "weights" in values:
+        values["weights"] = stored_checksum(config.weights or DEFAULT_WEIGHTS)
+    return values
+
+
+def _plain(value: Any) -> Any:
+    """The same with texts in place of paths, and lists in place of tuples."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def source_commit(file: Path = Path(__file__)) -> str | None:

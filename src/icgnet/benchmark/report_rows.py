@@ -7,10 +7,10 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from icgnet.benchmark.reports import Report
+from icgnet.benchmark.reports import StoredReport
+from icgnet.benchmark.tables import Table
 from icgnet.inference.grasp_search import BEST_FEW
 
-NOTHING = "-"
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
 UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
 NOTES: Mapping[str, str] = {
@@ -26,16 +26,16 @@ NOTES: Mapping[str, str] = {
 class Pair:
     """Reports on packed scenes and on piles that were made with the same settings."""
 
-    packed: Report | None
-    pile: Report | None
+    packed: StoredReport | None
+    pile: StoredReport | None
 
     @property
-    def reports(self) -> tuple[Report, ...]:
+    def reports(self) -> tuple[StoredReport, ...]:
         """Those that are there."""
         return tuple(each for each in (self.packed, self.pile) if each is not None)
 
     @property
-    def first(self) -> Report:
+    def first(self) -> StoredReport:
         """The one whose settings name the row."""
         return self.reports[0]
 
@@ -52,61 +52,58 @@ class Row:
 
     labels: tuple[str, ...]
     cells: tuple[str, ...]
-    reports: tuple[Report, ...] = ()
+    reports: tuple[StoredReport, ...] = ()
 
 
 def table(headers: Sequence[str], rows: Sequence[Row]) -> str:
     """A table in Markdown; rows that would be called the same are told apart by their folders."""
     called = [row.labels for row in rows]
-    lines = [headers, ["---"] * len(headers)]
+    lines = []
     for row in rows:
         name, *others = row.labels
         if row.reports and called.count(row.labels) > 1:
             name += f", in {' and '.join(each.name for each in row.reports)}"
         name += "".join(f" {mark}" for mark in _marks(row.reports))
         lines.append([name, *others, *row.cells])
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return Table(headers, lines).markdown()
 
 
-def pair_up(reports: Iterable[Report], scene_key: str, irrelevant: Iterable[str]) -> list[Pair]:
+def pair_up(reports: Iterable[StoredReport], irrelevant: Iterable[str]) -> list[Pair]:
     """Reports with the same settings, side by side.
 
     Args:
         reports: of one kind of benchmark.
-        scene_key: the setting that says "packed" or "pile".
         irrelevant: settings that decide nothing.
     """
-    ignored = {scene_key, *irrelevant}
-    groups: dict[str, list[Report]] = {}
+    ignored = {"scene", *irrelevant}
+    groups: dict[str, list[StoredReport]] = {}
     for report in reports:
         groups.setdefault(_key(report.settings, ignored), []).append(report)
     pairs: list[Pair] = []
     for group in groups.values():
         # One of each may come from different commits; with more of them, those of the same commit belong together.
-        scenes = [report.value("settings", scene_key) for report in group]
+        scenes = [report.value("settings", "scene") for report in group]
         if len(set(scenes)) == len(scenes):
-            pairs += _pairs(group, scene_key)
+            pairs += _pairs(group)
         else:
             for commits in dict.fromkeys(report.commits for report in group):
-                pairs += _pairs([report for report in group if report.commits == commits], scene_key)
+                pairs += _pairs([report for report in group if report.commits == commits])
     return pairs
 
 
-def _pairs(group: Sequence[Report], scene_key: str) -> list[Pair]:
+def _pairs(group: Sequence[StoredReport]) -> list[Pair]:
     packed, pile = (
-        [report for report in group if report.value("settings", scene_key) == scene] for scene in ("packed", "pile")
+        [report for report in group if report.value("settings", "scene") == scene] for scene in ("packed", "pile")
     )
     return [Pair(*both) for both in zip_longest(packed, pile)]
 
 
 def _key(settings: Mapping[str, Any], ignored: set[str]) -> str:
     kept = {name: value for name, value in settings.items() if name not in ignored}
-    if isinstance(kept.get("search"), Mapping):  # whose opening the benchmark replaces
-        kept["search"] = {name: value for name, value in kept["search"].items() if name != "opening"}
     return json.dumps(kept, sort_keys=True)
 
 
-def _marks(reports: Sequence[Report]) -> list[str]:
+def _marks(reports: Sequence[StoredReport]) -> list[str]:
     found = []
     commits = {commit for report in reports for commit in report.commits}
     if any(commit is None or commit.endswith("-dirty") for commit in commits):
@@ -118,12 +115,12 @@ def _marks(reports: Sequence[Report]) -> list[str]:
     return found
 
 
-def _is_small(report: Report) -> bool:
+def _is_small(report: StoredReport) -> bool:
     counted = {"clutter": "rounds", "reconstruction": "scenes", "segmentation": "scenes"}
     return report.kind in counted and report.count(counted[report.kind]) < MANY_ROUNDS
 
 
-def method_name(report: Report) -> str:
+def method_name(report: StoredReport) -> str:
     """Planner or network, its weights, and what is unusual about its search."""
     settings = report.settings
     name = str(settings.get("planner", "icgnet"))
@@ -133,36 +130,39 @@ def method_name(report: Report) -> str:
         name += f", untrained preset {settings['preset']}"
     usual = asdict(BEST_FEW)
     search = report.mapping("settings", "search") if settings.get("search") else {}
-    unusual = [f"{key}={value}" for key, value in search.items() if key != "opening" and usual.get(key, value) != value]
+    unusual = [f"{key}={value}" for key, value in search.items() if usual.get(key, value) != value]
     if settings.get("level_table") is False:
         unusual.append("depth as measured")
+    hand = report.value("settings", "gripper", "name")
+    if hand != "franka":
+        unusual.append(f"hand {hand}")
     return f"{name} ({', '.join(unusual)})" if unusual else name
 
 
-def camera_and_noise(report: Report) -> str:
+def camera_and_noise(report: StoredReport) -> str:
     """Where the camera stood, and what the sensor did."""
     return f"camera {report.value('settings', 'view')}, noise {report.value('settings', 'noise')}"
 
 
-def rules(report: Report) -> str:
+def rules(report: StoredReport) -> str:
     """What counted as a success in the clutter benchmark, and how it was seen."""
     opening = "full" if report.value("settings", "full_opening") else "as planned"
     return f"{report.value('settings', 'protocol')}, opening {opening}; {camera_and_noise(report)}"
 
 
-def rounds(report: Report) -> str:
+def rounds(report: StoredReport) -> str:
     """The scenes of a clutter report."""
     runs, count, seed = (report.value("settings", name) for name in ("runs", "rounds", "seed"))
     return f"{_objects(report)}, {runs} x {count} rounds, seed {seed}"
 
 
-def pictures(report: Report) -> str:
+def pictures(report: StoredReport) -> str:
     """The scenes of a report on single pictures."""
     count, seed = (report.value("settings", name) for name in ("scenes", "seed"))
     return f"{_objects(report)}, {count} scenes, seed {seed}"
 
 
-def source(reports: Sequence[Report]) -> str:
+def source(reports: Sequence[StoredReport]) -> str:
     """Who measured: this package, in which states."""
     states = dict.fromkeys(
         f"{each.value('origin', 'version')} ({commit or 'no commit'})" for each in reports for commit in each.commits
@@ -170,12 +170,12 @@ def source(reports: Sequence[Report]) -> str:
     return f"icgnet {', '.join(states)}"
 
 
-def _objects(report: Report) -> str:
+def _objects(report: StoredReport) -> str:
     objects = str(report.value("settings", "objects"))
     return f"{report.value('settings', 'split')} objects of {Path(objects).name or objects}"
 
 
-def in_order(reports: Iterable[Report], *names: Callable[[Report], str]) -> list[Report]:
+def in_order(reports: Iterable[StoredReport], *names: Callable[[StoredReport], str]) -> list[StoredReport]:
     """Reports by what they are called; our network's first."""
     return sorted(
         reports,

@@ -25,7 +25,7 @@ KINDS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class StoredReport:
     """What one benchmark wrote.
 
     Attributes:
@@ -116,7 +116,7 @@ class Report:
         return tuple(commits)
 
 
-def find_reports(folders: Sequence[Path]) -> list[Report]:
+def find_reports(folders: Sequence[Path]) -> list[StoredReport]:
     """All reports in some folders and in the folders inside of them, each once.
 
     Raises:
@@ -143,7 +143,7 @@ def _short(file: Path, names: Mapping[Path, str]) -> str:
     return names[file] if list(names.values()).count(names[file]) == 1 else str(file.parent)
 
 
-def _read(path: Path, name: str) -> Report:
+def _read(path: Path, name: str) -> StoredReport:
     """One report.
 
     Raises:
@@ -157,4 +157,4 @@ def _read(path: Path, name: str) -> Report:
     if kind not in KINDS:
         said = "does not say what it is of" if kind is None else f"is of an unknown kind {kind!r}"
         raise DataError(f"{path}: {said}: its key 'benchmark' must be one of {', '.join(KINDS)}")
-    return Report(path, name, kind, values)
+    return StoredReport(path, name, kind, values)

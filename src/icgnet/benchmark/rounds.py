@@ -4,11 +4,12 @@ Paper: "Experiments". The rules are those of the published benchmark code; docs/
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.config import ClutterConfig, SceneConfig
 from icgnet.benchmark.observation import Observation, Truth, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.grasping.gripper import Gripper
@@ -107,12 +108,12 @@ class Round:
         return sum(attempt.success for attempt in self.attempts)
 
 
-def random_stream(config: ClutterConfig, run: int, index: int, *purpose: int) -> np.random.Generator:
+def random_stream(config: SceneConfig, run: int, index: int, *purpose: int) -> np.random.Generator:
     """The random stream of a purpose in a round; scenes, cameras and planners do not share any."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(run, index, *purpose)))
 
 
-def round_scene(config: ClutterConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
+def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
     """The scene that a round begins with, whatever planner is tested."""
     rng = random_stream(config, run, index, SCENE)
     return spawn_scene(config.scene, object_set, config.split, rng, OBJECTS)
@@ -124,24 +125,39 @@ def play_round(
     """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures."""
     scene = round_scene(config, run, index, object_set)
     cell = Workcell(scene, object_set, gripper)
-    attempts: list[Attempt] = []
-    skipped: list[Shot] = []
-    failures = lost = 0
-    while len(cell.remaining) and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS:
-        number = len(attempts) + len(skipped)
+
+    def take(number: int) -> Shot:
         now = cell.scene()
         observation = look(config, run, index, number, now, object_set, gripper, planner.needs_truth)
         start = time.perf_counter()
         plan = planner.plan(observation)
         seconds = time.perf_counter() - start
         shot = _shot(run, index, number, now, observation)
-        if len(plan) == 0:
-            skipped.append(shot)
-            continue
-        attempts.append(carry_out(config, cell, shot, plan, scene, object_set, gripper, seconds))
-        failures = 0 if attempts[-1].success else failures + 1
-        lost += len(attempts[-1].lost)
+        return carry_out(config, cell, shot, plan, scene, object_set, gripper, seconds) if len(plan) else shot
+
+    attempts, skipped = until_over(take, lambda: len(cell.remaining))
+    lost = sum(len(each.lost) for each in attempts)
     return Round(run, index, len(scene.objects), len(skipped), len(cell.remaining), lost, attempts, skipped)
+
+
+def until_over(take: Callable[[int], Shot], remaining: Callable[[], int]) -> tuple[list[Attempt], list[Shot]]:
+    """Attempts and skipped pictures of a round, to its end.
+
+    Args:
+        take: the next picture, by its number in the round, and the attempt that came of it, if any.
+        remaining: how many objects are left on the table.
+    """
+    attempts: list[Attempt] = []
+    skipped: list[Shot] = []
+    failures = 0
+    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS:
+        shot = take(len(attempts) + len(skipped))
+        if isinstance(shot, Attempt):
+            attempts.append(shot)
+            failures = 0 if shot.success else failures + 1
+        else:
+            skipped.append(shot)
+    return attempts, skipped
 
 
 def carry_out(

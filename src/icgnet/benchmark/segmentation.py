@@ -12,8 +12,10 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from icgnet.benchmark.pictures import Picture
-from icgnet.benchmark.statistics import Spread, mean_or_none, spread
+from icgnet.benchmark.config import PictureConfig
+from icgnet.benchmark.pictures import Picture, load_pictures, some
+from icgnet.benchmark.statistics import Spread, cells, mean_or_none, spread
+from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.classes import CLASSES
@@ -42,7 +44,7 @@ class Labelling:
 
 
 @dataclass(frozen=True)
-class TrueObject:
+class NamedObject:
     """An object that really stands there.
 
     Attributes:
@@ -57,7 +59,7 @@ class TrueObject:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class PointOwners:
     """What the points of a cloud really lie on.
 
     Attributes:
@@ -66,12 +68,12 @@ class Truth:
     """
 
     labels: Int[np.ndarray, "n"]
-    objects: tuple[TrueObject, ...]
+    objects: tuple[NamedObject, ...]
 
     @classmethod
-    def of(cls, shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "Truth":
+    def of(cls, shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "PointOwners":
         """The truth about points of a scene, world frame [m]."""
-        objects = map(TrueObject, shapes.names, shapes.classes, shapes.class_alternatives)
+        objects = map(NamedObject, shapes.names, shapes.classes, shapes.class_alternatives)
         return cls(shapes.owners(points), tuple(objects))
 
 
@@ -79,7 +81,7 @@ class Truth:
 class Match:
     """A true object and the predicted one that is the same."""
 
-    true: TrueObject
+    true: NamedObject
     predicted_class: str
     iou: float
 
@@ -111,7 +113,7 @@ class SceneMasks:
     best_ious: tuple[float, ...]
     detections: tuple[tuple[float, float], ...]
     matches: tuple[Match, ...]
-    missed: tuple[TrueObject, ...]
+    missed: tuple[NamedObject, ...]
     invented: tuple[str, ...]
 
 
@@ -134,6 +136,7 @@ class SegmentationNumbers:
         scenes: with at least one object to find.
         objects: to find.
         predicted: objects.
+        rows: what was measured on each scene.
     """
 
     instance_miou: Spread | None
@@ -149,6 +152,42 @@ class SegmentationNumbers:
     scenes: int
     objects: int
     predicted: int
+    rows: tuple[SceneMasks, ...]
+
+
+def measure(config: PictureConfig) -> SegmentationNumbers:
+    """The instances that a network finds in the pictures of a configuration.
+
+    Raises:
+        IcgnetError: unusable objects, weights or gripper, or no scene with an object that can be seen.
+    """
+    predictor = Predictor.load(config.weights, config.threads, config.gripper)
+    return summarise(some(score_masks(predictor, load_pictures(config, predictor.gripper)), config))
+
+
+def tables(numbers: SegmentationNumbers) -> list[Table]:
+    """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty rows."""
+    labels = {
+        "instance mIoU": numbers.instance_miou,
+        "AP50, ranked by the object's score": numbers.ap50,
+        "panoptic quality, any class": numbers.pq,
+        "  segmentation quality": numbers.sq,
+        "  recognition quality": numbers.rq,
+        "panoptic quality, right class": numbers.class_pq,
+        "class accuracy of the matches": numbers.class_accuracy,
+        "  or the class that the labels name as alternative": numbers.class_accuracy_alternative,
+    }
+    columns = tuple(next(iter(numbers.confusion.values())))
+    counts = [
+        (name, *(str(row[column] or "") for column in columns))
+        for name, row in numbers.confusion.items()
+        if any(row.values())
+    ]
+    note = f"{numbers.objects} visible objects in {numbers.scenes} scenes; {numbers.predicted} predicted"
+    return [
+        Table(("percent ± std over scenes", "all scenes", "95 %"), [(k, *cells(v)) for k, v in labels.items()]),
+        Table(("true \\ predicted", *columns), counts, title="classes: number of objects", notes=(note,)),
+    ]
 
 
 def label_overlaps(
@@ -174,7 +213,7 @@ def score_masks(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[S
         prediction = picture.predict(predictor)
         if prediction is None:
             continue
-        truth = Truth.of(picture.truth, prediction.cloud.points)
+        truth = PointOwners.of(picture.truth, prediction.cloud.points)
         if visible_objects(truth.labels, len(picture.truth)).any():
             yield compare_masks(picture.index, labelling(prediction), truth)
 
@@ -188,7 +227,7 @@ def labelling(prediction: Prediction) -> Labelling:
     )
 
 
-def compare_masks(index: int, predicted: Labelling, truth: Truth) -> SceneMasks:
+def compare_masks(index: int, predicted: Labelling, truth: PointOwners) -> SceneMasks:
     """Compares the objects of one scene.
 
     Predicted objects that lie on points without a true object, or on those of objects that are not asked for, by more
@@ -251,6 +290,7 @@ def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
         scenes=len(scenes),
         objects=sum(len(each.best_ious) for each in scenes),
         predicted=sum(len(each.detections) for each in scenes),
+        rows=tuple(scenes),
     )
 
 

@@ -6,6 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from icgnet.benchmark.tables import NOTHING
+
 DRAWS = 1000
 SceneT = TypeVar("SceneT")
 
@@ -42,6 +44,13 @@ def spread(scenes: Sequence[SceneT], number: Callable[[Sequence[SceneT]], float 
     low, high = np.quantile([draw for draw in draws if draw is not None], [0.025, 0.975])
     singles = [single for scene in scenes if (single := number([scene])) is not None]
     return Spread(float(value), float(np.std(singles)), float(low), float(high))
+
+
+def cells(value: Spread | None, digits: int = 1) -> tuple[str, str]:
+    """A number with its standard deviation over the scenes, and its 95 % interval, for a table."""
+    if value is None:
+        return NOTHING, NOTHING
+    return f"{value.mean:.{digits}f} ± {value.std:.{digits}f}", f"{value.low:.{digits}f}-{value.high:.{digits}f}"
 
 
 def mean_or_none(values: Sequence[float | None]) -> float | None:

@@ -31,7 +31,15 @@ COMMANDS = {
     "curves": ("curves:Curves", "Draw loss and validation of one or several training runs into one picture."),
     "calibrate": ("calibrate:Calibrate", "Make a score of 0.9 mean nine successes in ten."),
     "evaluate": ("evaluate:Evaluate", "Print the metrics of weights on generated scenes."),
-    "benchmark": ("benchmark:Benchmark", "Measure what this project claims."),
+    "benchmark clutter": ("benchmark_clutter:Clutter", "Let a planner grasp scenes empty, and count."),
+    "benchmark reconstruction": ("benchmark:Reconstruction", "Predicted shapes against true ones."),
+    "benchmark segmentation": ("benchmark:Segmentation", "Predicted instances against true ones."),
+    "benchmark latency": ("benchmark:Latency", "Time of each stage from a cloud or depth image to grasps."),
+    "benchmark report": ("benchmark_report:Report", "Put the results of several benchmarks beside the published ones."),
+    "study simulation": ("study:Simulation", "Scenes and grasps of the simulator beside the published ones."),
+    "study label-ceiling": ("study:LabelCeiling", "The best that scores of grasps can reach."),
+    "study loader": ("study:Loader", "How many scenes a second one core makes ready for training."),
+    "study training-speed": ("study:TrainingSpeed", "Where the time of a training step goes."),
     "simulate": ("simulate:Simulate", "Take a noisy depth image of a simulated scene."),
     "sensors": ("sensors:Sensors", "Draw what each sensor model does to the cloud of a simulated scene."),
     "objects check": ("objects:CheckObjects", "Check a folder of URDFs or meshes: what is wrong with which file."),
@@ -56,8 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     words[0] = {"--version": "version", "-V": "version"}.get(words[0], words[0])
-    if words[0].replace("-", " ") in COMMANDS:  # as the completion writes them
-        words[:1] = words[0].replace("-", " ").split()
+    if words[0].replace("-", " ", 1) in COMMANDS:  # as the completion writes them
+        words[:1] = words[0].split("-", 1)
     name = next((name for name in (" ".join(words[:2]), words[0]) if name in COMMANDS), "")
     if not name and not words[0].startswith("--tyro-"):
         return _no_command(words)

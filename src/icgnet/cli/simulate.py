@@ -39,7 +39,7 @@ class Simulate:
             raise InputError(f"count must be at least 1, got {self.count}")
         import numpy as np
 
-        from icgnet.benchmark.captures import simulate_capture
+        from icgnet.sensors.capture import simulate_capture
 
         object_set = load_objects(self.objects)
         capture = simulate_capture(self.scene, object_set, self.split, np.random.default_rng(self.seed), self.count)

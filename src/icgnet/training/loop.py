@@ -35,7 +35,7 @@ from icgnet.training.checkpoint import (
     restore,
     save_checkpoint,
 )
-from icgnet.training.config import LossWeights, MatchingCosts, TrainingConfig, training_record, write_or_compare
+from icgnet.training.config import TrainingConfig, training_record, write_or_compare
 from icgnet.training.dataset import RecipeDataset, VisitBatches, gather_recipes, network_for
 from icgnet.training.interrupts import Interrupts, ignore_interrupts
 from icgnet.training.log import Clock, TrainingLog
@@ -164,7 +164,6 @@ class Trainer:
         out: Path,
         report: Report,
         start: Path | None = None,
-        make_loss: Callable[[IcgNet, LossWeights, MatchingCosts, bool], TrainingLoss] = TrainingLoss,
     ) -> None:
         """`validation` is empty in all processes but the first."""
         self.config, self.dataset, self.out, self.report, self.fabric = config, dataset, out, report, fabric
@@ -180,7 +179,8 @@ class Trainer:
         optimizer = make_optimizer(self.network, config)
         self.progress = self._resume(optimizer)
         self._skipped_in_a_row = 0
-        module = make_loss(self.network, config.loss, config.matching, use_bfloat16(config.precision, fabric.device))
+        in_16_bits = use_bfloat16(config.precision, fabric.device)
+        module = TrainingLoss(self.network, config.loss, config.matching, in_16_bits)
         self.loss, self.optimizer = fabric.setup(module, optimizer)
         self.validation = [sample.to(fabric.device) for sample in validation]
 

@@ -117,6 +117,7 @@ class AttemptScene:
         T_world_camera: where it was seen from.
         table_height: of the table plane [m].
         grasp: None if there was none.
+        panel: height and width of each of the four parts of the picture [pixels].
     """
 
     title: str
@@ -128,6 +129,7 @@ class AttemptScene:
     T_world_camera: Float[np.ndarray, "4 4"]
     table_height: float
     grasp: DrawnGrasp | None
+    panel: tuple[int, int] = PANEL
 
     @property
     def shapes(self) -> tuple[PredictedObject, ...]:
@@ -139,17 +141,17 @@ def attempt_picture(scene: AttemptScene) -> Image.Image:
     """The four panels with title, story and legend."""
     panels = _panels(scene)
     top = MARGIN + LINE_HEIGHT * (1 + len(scene.story)) + 14
-    height, width = top + 2 * (PANEL[0] + GAP) + LEGEND_HEIGHT, 2 * PANEL[1] + GAP
+    height, width = top + 2 * (scene.panel[0] + GAP) + LEGEND_HEIGHT, 2 * scene.panel[1] + GAP
     picture = Image.new("RGB", (width, height), "white")
     write(picture, scene.title, (MARGIN, MARGIN - 6), TITLE_SIZE, bold=True)
     for index, line in enumerate(scene.story):
         write(picture, line, (MARGIN, MARGIN + 8 + LINE_HEIGHT * (index + 1)), STORY_SIZE)
     pen = ImageDraw.Draw(picture)
     for index, (caption, image) in enumerate(panels.items()):
-        left, upper = index % 2 * (PANEL[1] + GAP), top + index // 2 * (PANEL[0] + GAP)
+        left, upper = index % 2 * (scene.panel[1] + GAP), top + index // 2 * (scene.panel[0] + GAP)
         picture.paste(image, (left, upper))
-        pen.rectangle([left, upper, left + PANEL[1] - 1, upper + PANEL[0] - 1], outline=(225, 226, 229))
-        write(picture, caption, (left + 12, upper + PANEL[0] - CAPTION_SIZE - 12), CAPTION_SIZE, QUIET_INK)
+        pen.rectangle([left, upper, left + scene.panel[1] - 1, upper + scene.panel[0] - 1], outline=(225, 226, 229))
+        write(picture, caption, (left + 12, upper + scene.panel[0] - CAPTION_SIZE - 12), CAPTION_SIZE, QUIET_INK)
     write_legend(picture, _legend(scene), (MARGIN, height - LEGEND_HEIGHT + 10), STORY_SIZE)
     return picture
 
@@ -193,7 +195,7 @@ def _cloud_panel(scene: AttemptScene, view: Perspective) -> Image.Image:
     labels = tuple(
         PlacedLabel(each.label, _top(each.points), instance_colour(each.instance_id)) for each in scene.predicted
     )
-    return draw_scene(SceneDrawing(join([dots, _slim_hand(scene)]), labels, view, _table(scene)), PANEL)
+    return draw_scene(SceneDrawing(join([dots, _slim_hand(scene)]), labels, view, _table(scene)), scene.panel)
 
 
 def _shapes_panel(scene: AttemptScene, view: Perspective, named: bool = False) -> Image.Image:
@@ -203,7 +205,7 @@ def _shapes_panel(scene: AttemptScene, view: Perspective, named: bool = False) -
         for each in scene.objects
         if named and each.label
     )
-    return draw_scene(SceneDrawing(drawn, labels, view, _table(scene), _marks(scene)), PANEL)
+    return draw_scene(SceneDrawing(drawn, labels, view, _table(scene), _marks(scene)), scene.panel)
 
 
 def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
@@ -215,10 +217,10 @@ def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
         outward = -outward
     azimuth = float(np.arctan2(outward[1], outward[0]))
     elevation = max(float(np.arcsin(np.clip(outward[2], -1.0, 1.0))), LOWEST)
-    view = framing_view(np.concatenate([*near, grasp.outline]), azimuth, elevation, PANEL, margin=0.07)
+    view = framing_view(np.concatenate([*near, grasp.outline]), azimuth, elevation, scene.panel, margin=0.07)
     hand = whole_hand_triangles(grasp.gripper, grasp.T_world_grasp, grasp.opening, grasp.colour, PALM_OPACITY)
     drawn = join([_true_shapes(scene), _predicted(scene), hand])
-    return draw_scene(SceneDrawing(drawn, (), view, _table(scene), grasp.marks), PANEL)
+    return draw_scene(SceneDrawing(drawn, (), view, _table(scene), grasp.marks), scene.panel)
 
 
 def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
@@ -235,7 +237,7 @@ def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
         grasp.marks,
         scene.table_height,
     )
-    return draw_section(cut, PANEL)
+    return draw_section(cut, scene.panel)
 
 
 def _true_shapes(scene: AttemptScene) -> Triangles:
@@ -268,7 +270,7 @@ def _turned_view(scene: AttemptScene, turn: float, elevation: float | None) -> P
         elevation = float(np.arcsin(np.clip(outward[2], -1.0, 1.0)))
     hand = np.zeros((0, 3)) if scene.grasp is None else scene.grasp.outline
     points = np.concatenate([*(each.mesh.vertices for each in scene.objects), hand])
-    return framing_view(points, azimuth, elevation, PANEL, margin=0.1)
+    return framing_view(points, azimuth, elevation, scene.panel, margin=0.1)
 
 
 def _table(scene: AttemptScene) -> Table:

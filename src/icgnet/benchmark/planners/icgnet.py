@@ -32,6 +32,7 @@ class IcgNetPlanner:
         threads: int = 1,
         search: GraspSearch = BEST_FEW,
         level_table: bool = True,
+        gripper: str | Path = "franka",
     ) -> None:
         """Loads the network.
 
@@ -40,12 +41,13 @@ class IcgNetPlanner:
             threads: CPU threads of the network, for the whole process.
             search: how grasps are looked for; the opening is the observation's.
             level_table: whether a wrong depth scale, which the table's height tells, is taken out.
+            gripper: the hand; see `Predictor.load`.
 
         Raises:
             DataError: the weights cannot be used.
-            InputError: a number of threads below 1.
+            InputError: a number of threads below 1, or a hand that the weights do not know.
         """
-        self._predictor = Predictor.load(weights, threads, search=search)
+        self._predictor = Predictor.load(weights, threads, gripper, search=search)
         self._level_table = level_table
 
     def plan(self, observation: Observation) -> Plan:

@@ -3,80 +3,60 @@
 import importlib
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from icgnet.benchmark.config import OUR_NETWORK, ClutterConfig
 from icgnet.benchmark.planner import Planner
 from icgnet.errors import InputError
-from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 
 
-@dataclass(frozen=True)
-class PlannerSource:
-    """Which planner to make, and with what.
-
-    Attributes:
-        name: a built-in one (icgnet, antipodal, random, oracle), or module:Class of your own.
-        weights: of the network, for icgnet; the shipped ones if None.
-        threads: CPU threads of the network, for icgnet.
-        search: how icgnet looks for grasps.
-        level_table: whether icgnet takes out a wrong depth scale that the table's height tells.
-    """
-
-    name: str = "icgnet"
-    weights: Path | None = None
-    threads: int = 1
-    search: GraspSearch = BEST_FEW
-    level_table: bool = True
-
-
-def load_planner(source: PlannerSource) -> Planner:
-    """The planner that a source names.
+def load_planner(config: ClutterConfig) -> Planner:
+    """The planner that a benchmark names.
 
     Raises:
-        InputError: no such planner; a module or class that is missing, cannot be made or is no planner; weights for a
-            planner that has none.
+        InputError: no such planner; a module or class that is missing, cannot be made or is no planner; a hand that
+            the network does not know.
         DataError: the weights cannot be used.
     """
-    if source.weights is not None and source.name != "icgnet":
-        raise InputError(f"only the planner icgnet takes weights, not {source.name!r}")
-    if source.name in BUILT_IN:
-        return BUILT_IN[source.name](source)
-    if ":" in source.name:
-        return _load_own(source.name)
-    raise InputError(f"planner must be one of {', '.join(BUILT_IN)}, or module:Class of your own, got {source.name!r}")
+    if config.planner in BUILT_IN:
+        return BUILT_IN[config.planner](config)
+    if ":" in config.planner:
+        return _load_own(config.planner)
+    raise InputError(
+        f"planner must be one of {', '.join(BUILT_IN)}, or module:Class of your own, got {config.planner!r}"
+    )
 
 
 # Each planner brings its own packages: the network's, or the physics engine.
 
 
-def _icgnet(source: PlannerSource) -> Planner:
+def _icgnet(config: ClutterConfig) -> Planner:
     from icgnet.benchmark.planners.icgnet import IcgNetPlanner
 
-    return IcgNetPlanner(source.weights, source.threads, source.search, source.level_table)
+    return IcgNetPlanner(config.weights, config.threads, config.search, config.level_table, config.gripper)
 
 
-def _antipodal(_: PlannerSource) -> Planner:
+def _antipodal(_: ClutterConfig) -> Planner:
     from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 
     return AntipodalPlanner()
 
 
-def _random(_: PlannerSource) -> Planner:
+def _random(_: ClutterConfig) -> Planner:
     from icgnet.benchmark.planners.chance import RandomPlanner
 
     return RandomPlanner()
 
 
-def _oracle(_: PlannerSource) -> Planner:
+def _oracle(_: ClutterConfig) -> Planner:
     from icgnet.benchmark.planners.oracle import OraclePlanner
 
     return OraclePlanner()
 
 
-BUILT_IN: dict[str, Callable[[PlannerSource], Planner]] = {
-    "icgnet": _icgnet,
+BUILT_IN: dict[str, Callable[[ClutterConfig], Planner]] = {
+    OUR_NETWORK: _icgnet,
     "antipodal": _antipodal,
     "random": _random,
     "oracle": _oracle,

@@ -15,10 +15,10 @@ def scenes(tmp_path_factory):
 
 
 def test_loader_prints_scenes_per_second_and_writes_a_report(scenes, tmp_path, capsys):
-    assert main(["benchmark", "loader", str(scenes), "--visits", "4", "--out", str(tmp_path / "report")]) == 0
+    assert main(["study", "loader", "--data", str(scenes), "--visits", "4", "--out", str(tmp_path / "report")]) == 0
     assert "scenes a second on one core" in capsys.readouterr().out
     report = json.loads((tmp_path / "report" / "report.json").read_text())
-    numbers = report["loader"]
+    numbers = report
     assert numbers["visits"] == 4
     assert numbers["p10_ms"] <= numbers["median_ms"] <= numbers["p90_ms"]
     assert numbers["scenes_per_second"] > 0
@@ -29,13 +29,13 @@ def test_loader_prints_scenes_per_second_and_writes_a_report(scenes, tmp_path, c
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["loader", "nowhere"], "nowhere"),
+        (["loader", "--data", "nowhere"], "nowhere"),
         (["simulation", "--objects", "nowhere"], "nowhere"),
         (["simulation", "--objects", "procedural", "--scenes", "1"], "packed/chips_can"),
     ],
 )
 def test_unusable_input_is_one_line_and_exit_code_2(arguments, message, capsys):
-    assert main(["benchmark", *arguments]) == USAGE_ERROR
+    assert main(["study", *arguments]) == USAGE_ERROR
     error = capsys.readouterr().err
     assert error.startswith("error:")
     assert message in error

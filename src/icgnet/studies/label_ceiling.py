@@ -9,20 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from icgnet.benchmark.tables import Table
 from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.label_scene import scene_rng
 from icgnet.errors import InputError
-from icgnet.grasping.gripper import Gripper
-from icgnet.objects.kinds import Kind, Split
-from icgnet.objects.object_set import ObjectSet
+from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.objects.kinds import KINDS, Kind, Split
+from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Trials
+from icgnet.studies.config import LabelCeilingConfig
 from icgnet.training.metrics import best_f1
-
-FEWEST_REPEATS = 3
 
 
 @dataclass(frozen=True)
@@ -50,58 +50,70 @@ class LabelCeiling:
     top1: float
 
 
-def measure_ceiling(
-    kind: Kind,
-    object_set: ObjectSet,
-    split: Split,
-    gripper: Gripper,
-    scenes: int = 30,
-    repeats: int = 8,
-    contacts: int = 16,
-    seed: int = 0,
-) -> LabelCeiling:
+@dataclass(frozen=True)
+class LabelCeilingNumbers:
+    """The ceilings of both kinds of scenes."""
+
+    ceilings: tuple[LabelCeiling, ...]
+
+
+def measure(config: LabelCeilingConfig) -> LabelCeilingNumbers:
     """Labels the contacts of random scenes several times, with new jitter, mass and friction each time.
 
-    Args:
-        kind: of scene.
-        object_set: what the scenes are made of.
-        split: of the objects.
-        gripper: the hand.
-        scenes: how many.
-        repeats: of each trial.
-        contacts: of each scene, each tried at all angles.
-        seed: of scenes and trials.
+    Raises:
+        IcgnetError: unusable objects or gripper, or nothing of a kind and split in the object set.
+    """
+    object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
+    return LabelCeilingNumbers(tuple(ceiling(kind, outcomes(config, kind, object_set, gripper)) for kind in KINDS))
+
+
+def outcomes(
+    config: LabelCeilingConfig, kind: Kind, object_set: ObjectSet, gripper: Gripper
+) -> list[Bool[np.ndarray, "r n"]]:
+    """Outcomes of the repeated trials of every scene of a kind in which anything stayed.
 
     Raises:
-        InputError: too few scenes or repeats, or nothing of this kind and split in the object set.
+        InputError: there is no such scene.
     """
-    if scenes < 1 or repeats < FEWEST_REPEATS:
-        raise InputError(f"at least 1 scene and {FEWEST_REPEATS} repeats are needed, got {scenes} and {repeats}")
-    settings = LabelSettings(contacts=contacts)
+    labels = LabelSettings(contacts=config.contacts)
     labelled = [
-        _label_often(kind, object_set, split, gripper, settings, repeats, scene_rng(seed, number))
-        for number in range(scenes)
+        _label_often(kind, object_set, config.split, gripper, labels, config.repeats, scene_rng(config.seed, number))
+        for number in range(config.scenes)
     ]
-    outcomes = [each for each in labelled if each is not None]
-    if not outcomes:
-        raise InputError(f"object set {object_set.name!r}: nothing stayed in any of {scenes} {kind} scenes")
-    return ceiling(kind, outcomes)
+    found = [each for each in labelled if each is not None]
+    if not found:
+        raise InputError(f"object set {object_set.name!r}: nothing stayed in any of {config.scenes} {kind} scenes")
+    return found
 
 
-def ceiling(kind: Kind, outcomes: list[Bool[np.ndarray, "r n"]]) -> LabelCeiling:
+def tables(numbers: LabelCeilingNumbers) -> list[Table]:
+    """What is printed."""
+    rows = [
+        (
+            f"{each.kind} {each.scenes}",
+            str(each.trials),
+            *(f"{share:.3f}" for share in (each.success, each.undecided, each.f1, each.top1)),
+        )
+        for each in numbers.ceilings
+    ]
+    headers = ("scenes", "trials", "success", "both outcomes", "F1 at best", "top 1")
+    return [Table(headers, rows, title="ceiling of scores")]
+
+
+def ceiling(kind: Kind, scenes: list[Bool[np.ndarray, "r n"]]) -> LabelCeiling:
     """The numbers, from the outcomes of `r` repeats of the `n` trials of every scene."""
-    together = np.concatenate(outcomes, axis=1)
+    together = np.concatenate(scenes, axis=1)
     ever = together.any(axis=0)
     scores = _rates_of_the_others(together)
     return LabelCeiling(
         kind,
-        scenes=len(outcomes),
+        scenes=len(scenes),
         trials=together.shape[1],
         repeats=len(together),
         success=float(together.mean()),
         undecided=float((ever & ~together.all(axis=0)).sum() / max(ever.sum(), 1)),
         f1=float(np.mean([best_f1(score, label)[0] for score, label in zip(scores, together, strict=True)])),
-        top1=float(np.mean([_success_of_best(scene) for scene in outcomes])),
+        top1=float(np.mean([_success_of_best(scene) for scene in scenes])),
     )
 
 

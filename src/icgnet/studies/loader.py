@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from icgnet.errors import InputError
-from icgnet.training.config import TrainingConfig
+from icgnet.benchmark.tables import Table
+from icgnet.studies.config import LoaderConfig
+from icgnet.training.config import TRAININGS, TrainingConfig
 from icgnet.training.dataset import RecipeDataset, network_for
 from icgnet.training.validation import load_object_sets, recipes_of_split
 
@@ -35,25 +36,25 @@ class LoaderNumbers:
     scenes_per_second: float
 
 
-def measure_loader(
-    data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig, visits: int
-) -> LoaderNumbers:
+def measure(config: LoaderConfig) -> LoaderNumbers:
     """Makes the first samples of a training run, one after the other, on one thread.
 
-    Args:
-        data: folders of recipes.
-        objects: sources of the object sets that the recipes name.
-        config: of the run.
-        visits: how many samples to time.
-
     Raises:
-        InputError: no visits asked for.
         DataError: no usable recipes, or a missing object set.
     """
-    if visits < 1:
-        raise InputError(f"visits must be at least 1, got {visits}")
     torch.set_num_threads(1)
-    return time_visits(load_dataset(data, objects, config), visits)
+    return time_visits(load_dataset(config.data, config.objects, TRAININGS[config.preset]), config.visits)
+
+
+def tables(numbers: LoaderNumbers) -> list[Table]:
+    """What is printed."""
+    row = (f"{numbers.scenes_per_second:.1f}", f"{numbers.median_ms:.0f}", percentiles(numbers), str(numbers.visits))
+    return [Table(("scenes a second on one core", "ms a visit", "10th to 90th percentile", "visits"), [row])]
+
+
+def percentiles(numbers: LoaderNumbers) -> str:
+    """What one tenth of the visits is below, and what one tenth is above."""
+    return f"{numbers.p10_ms:.0f} to {numbers.p90_ms:.0f}"
 
 
 def load_dataset(data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig) -> RecipeDataset:

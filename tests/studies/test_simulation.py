@@ -1,11 +1,14 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from icgnet.benchmark.published import PILE_FELL_THROUGH, SCENES
-from icgnet.benchmark.simulation import measure_agreement, measure_creep, measure_scenes, measure_traces
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from icgnet.studies.config import SimulationConfig
+from icgnet.studies.published import PILE_FELL_THROUGH, SCENES
+from icgnet.studies.simulation import measure_agreement, measure_creep, measure_scenes, measure_traces
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +37,10 @@ def test_the_label_filter_agrees_with_the_whole_physics(procedural):
     assert agreement.filtered > 0.5
 
 
-def test_counts_below_one_are_refused(procedural):
-    with pytest.raises(InputError, match="scenes must be at least 1, got 0"):
-        measure_scenes("pile", procedural, "val", 0, seed=0)
-    with pytest.raises(InputError, match="trials must be at least 1, got 0"):
-        measure_agreement(procedural, "val", load_gripper(), 0, seed=0)
+@pytest.mark.parametrize("name", ["scenes", "trials"])
+def test_counts_below_one_are_refused(name):
+    with pytest.raises(InputError, match=f"{name} must be at least 1, got 0"):
+        SimulationConfig(objects=Path("vgn"), **{name: 0})
 
 
 def test_reference_grasps_need_their_objects(procedural):

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from icgnet.benchmark.label_ceiling import ceiling, measure_ceiling
 from icgnet.cli.main import USAGE_ERROR, main
-from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from icgnet.studies.config import LabelCeilingConfig
+from icgnet.studies.label_ceiling import ceiling, outcomes
 
 
 def test_trials_that_always_end_alike_can_be_known():
@@ -25,14 +25,15 @@ def test_coin_tosses_cannot_be_known():
 
 
 def test_a_repeat_does_not_judge_itself():
-    outcomes = np.zeros((3, 6), dtype=bool)
-    outcomes[np.arange(3), np.arange(3)] = True
+    repeats = np.zeros((3, 6), dtype=bool)
+    repeats[np.arange(3), np.arange(3)] = True
     # Each success is alone in its repeat: the others know nothing of it.
-    assert ceiling("packed", [outcomes]).top1 < 0.2
+    assert ceiling("packed", [repeats]).top1 < 0.2
 
 
 def test_real_trials_are_neither_certain_nor_random():
-    found = measure_ceiling("packed", load_object_set("procedural"), "val", load_gripper(), 3, 3, 6, seed=1)
+    config = LabelCeilingConfig(scenes=3, repeats=3, contacts=6, seed=1)
+    found = ceiling("packed", outcomes(config, "packed", load_object_set("procedural"), load_gripper()))
     assert found.scenes == 3
     assert found.trials == 3 * 6 * 12
     assert 0.0 < found.success < 0.5
@@ -40,7 +41,5 @@ def test_real_trials_are_neither_certain_nor_random():
 
 
 def test_too_few_repeats_are_refused(capsys):
-    with pytest.raises(InputError, match="got 4 and 2"):
-        measure_ceiling("packed", load_object_set("procedural"), "val", load_gripper(), 4, 2)
-    assert main(["benchmark", "label-ceiling", "--repeats", "1"]) == USAGE_ERROR
-    assert "3 repeats" in capsys.readouterr().err
+    assert main(["study", "label-ceiling", "--repeats", "2"]) == USAGE_ERROR
+    assert "repeats must be at least 3, got 2" in capsys.readouterr().err

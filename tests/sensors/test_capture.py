@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icgnet.benchmark.captures import SimulatedCapture, simulate_capture
 from icgnet.cli.demo import CAPTURE
 from icgnet.cli.main import main
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.objects.object_set import load_object_set
+from icgnet.sensors.capture import SimulatedCapture, simulate_capture
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,43 @@
+"""`icgnet study`: measurements that explain the numbers of the benchmark, one subcommand each."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from icgnet.cli.measurement import Flat, Measurement
+from icgnet.studies.config import LabelCeilingConfig, LoaderConfig, SimulationConfig, TrainingSpeedConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation(Measurement):
+    """Scenes and grasps of the simulator beside the published ones; creep, top speeds, and the label filter."""
+
+    config: Annotated[SimulationConfig, Flat]
+
+    kind, module = "simulation", "icgnet.studies.simulation"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelCeiling(Measurement):
+    """The best that scores of grasps can reach against labels that are one draw of a jittered trial."""
+
+    config: Annotated[LabelCeilingConfig, Flat]
+
+    kind, module = "label-ceiling", "icgnet.studies.label_ceiling"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loader(Measurement):
+    """How many scenes a second one core makes ready for training."""
+
+    config: Annotated[LoaderConfig, Flat]
+
+    kind, module = "loader", "icgnet.studies.loader"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingSpeed(Measurement):
+    """Where the time of a training step goes, how many scenes a second are trained, and the FLOPs of a scene."""
+
+    config: Annotated[TrainingSpeedConfig, Flat]
+
+    kind, module = "training-speed", "icgnet.studies.training_speed"

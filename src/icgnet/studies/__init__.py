@@ -1,0 +1,1 @@
+"""Measurements that explain the numbers of the benchmark, and are made once in a while."""
