@@ -1,5 +1,6 @@
 import json
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
-from icgnet.viewer import attempt_picture
+from icgnet.viewer.attempt_picture import attempt_picture
 
 CONFIG = ClutterConfig(
     planner=PlannerSource("random"), scene="packed", split="val", protocol="strict", runs=1, rounds=1
@@ -92,7 +93,7 @@ def played(attempts: list[Attempt], pictures: list[Shot]) -> Round:
 
 @pytest.fixture
 def small_pictures(monkeypatch):
-    monkeypatch.setattr(attempt_picture, "PANEL", (118, 200))
+    monkeypatch.setattr(gallery, "attempt_picture", partial(attempt_picture, panel=(118, 200)))
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,7 @@ EDGE, TABLE = 0.05, 0.05
 GRIPPER = load_gripper()
 DOWN = np.array([[1.0, 0, 0, 0.15], [0, -1, 0, 0.15], [0, 0, -1, TABLE + EDGE / 2], [0, 0, 0, 1]])
 HAND, OUTLINE, FILL = (0.0, 0.6, 0.0), (0.0, 0.0, 0.9), (0.9, 0.4, 0.0)
-SECTION = (180, 320)
-
-
-@pytest.fixture(autouse=True)
-def small_pictures(monkeypatch):
-    monkeypatch.setattr(module, "PANEL", (235, 400))
+SECTION, PANEL = (180, 320), (235, 400)
 
 
 def cube(edge: float = EDGE) -> trimesh.Trimesh:
@@ -51,8 +46,8 @@ def scene() -> AttemptScene:
 
 def panels(scene: AttemptScene) -> list[np.ndarray]:
     """The four panels, left to right and downwards."""
-    picture = np.asarray(attempt_picture(scene)).astype(int)
-    height, width = module.PANEL
+    picture = np.asarray(attempt_picture(scene, PANEL)).astype(int)
+    height, width = PANEL
     top = picture.shape[0] - module.LEGEND_HEIGHT - 2 * (height + module.GAP)
     corners = [
         (top + row * (height + module.GAP), column * (width + module.GAP)) for row in (0, 1) for column in (0, 1)

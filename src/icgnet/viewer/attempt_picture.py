@@ -25,7 +25,7 @@ from icgnet.viewer.view import Perspective, framing_view
 Role = Literal["target", "touched", "other"]
 
 PANEL = (470, 800)
-"""Height and width of one panel [pixels]."""
+"""Height and width of one panel unless another size is asked for [pixels]."""
 GAP, MARGIN = 4, 20
 TITLE_SIZE, STORY_SIZE, CAPTION_SIZE = 25, 18, 18
 LINE_HEIGHT = 26
@@ -135,41 +135,43 @@ class AttemptScene:
         return tuple(each for each in self.predicted if len(each.mesh.faces))
 
 
-def attempt_picture(scene: AttemptScene) -> Image.Image:
-    """The four panels with title, story and legend."""
-    panels = _panels(scene)
+def attempt_picture(scene: AttemptScene, panel: tuple[int, int] = PANEL) -> Image.Image:
+    """The four panels, of a height and width [pixels], with title, story and legend."""
+    panels = _panels(scene, panel)
+    rows, columns = panel
     top = MARGIN + LINE_HEIGHT * (1 + len(scene.story)) + 14
-    height, width = top + 2 * (PANEL[0] + GAP) + LEGEND_HEIGHT, 2 * PANEL[1] + GAP
+    height, width = top + 2 * (rows + GAP) + LEGEND_HEIGHT, 2 * columns + GAP
     picture = Image.new("RGB", (width, height), "white")
     write(picture, scene.title, (MARGIN, MARGIN - 6), TITLE_SIZE, bold=True)
     for index, line in enumerate(scene.story):
         write(picture, line, (MARGIN, MARGIN + 8 + LINE_HEIGHT * (index + 1)), STORY_SIZE)
     pen = ImageDraw.Draw(picture)
     for index, (caption, image) in enumerate(panels.items()):
-        left, upper = index % 2 * (PANEL[1] + GAP), top + index // 2 * (PANEL[0] + GAP)
+        left, upper = index % 2 * (columns + GAP), top + index // 2 * (rows + GAP)
         picture.paste(image, (left, upper))
-        pen.rectangle([left, upper, left + PANEL[1] - 1, upper + PANEL[0] - 1], outline=(225, 226, 229))
-        write(picture, caption, (left + 12, upper + PANEL[0] - CAPTION_SIZE - 12), CAPTION_SIZE, QUIET_INK)
+        pen.rectangle([left, upper, left + columns - 1, upper + rows - 1], outline=(225, 226, 229))
+        write(picture, caption, (left + 12, upper + rows - CAPTION_SIZE - 12), CAPTION_SIZE, QUIET_INK)
     write_legend(picture, _legend(scene), (MARGIN, height - LEGEND_HEIGHT + 10), STORY_SIZE)
     return picture
 
 
-def _panels(scene: AttemptScene) -> dict[str, Image.Image]:
+def _panels(scene: AttemptScene, panel: tuple[int, int]) -> dict[str, Image.Image]:
     """The panels by their captions, left to right and downwards."""
     if scene.grasp is None:
         last = {
-            "the same from another side": _shapes_panel(scene, _turned_view(scene, OTHER_SIDE, SIDE)),
-            "the same from above": _shapes_panel(scene, _turned_view(scene, 0.0, ABOVE)),
+            "the same from another side": _shapes_panel(scene, _turned_view(scene, OTHER_SIDE, SIDE, panel), panel),
+            "the same from above": _shapes_panel(scene, _turned_view(scene, 0.0, ABOVE, panel), panel),
         }
     else:
         last = {
-            "the grasp from its side, near its target": _grasp_panel(scene, scene.grasp),
-            f"cut through the hand, {1e3 * scene.grasp.opening:.0f} mm open": _section_panel(scene, scene.grasp),
+            "the grasp from its side, near its target": _grasp_panel(scene, scene.grasp, panel),
+            f"cut through the hand, {1e3 * scene.grasp.opening:.0f} mm open": _section_panel(scene, scene.grasp, panel),
         }
     seen = "what the planner saw" + (", by object" if scene.predicted else "")
     true = "predicted shapes over the true ones" if scene.shapes else "true shapes"
-    view = _turned_view(scene, 0.0, None)
-    return {f"{seen}, from the camera": _cloud_panel(scene, view), true: _shapes_panel(scene, view, named=True)} | last
+    view = _turned_view(scene, 0.0, None, panel)
+    first = _cloud_panel(scene, view, panel)
+    return {f"{seen}, from the camera": first, true: _shapes_panel(scene, view, panel, named=True)} | last
 
 
 def _legend(scene: AttemptScene) -> list[tuple[str, tuple[float, float, float]]]:
@@ -187,26 +189,26 @@ def _legend(scene: AttemptScene) -> list[tuple[str, tuple[float, float, float]]]
     return entries
 
 
-def _cloud_panel(scene: AttemptScene, view: Perspective) -> Image.Image:
+def _cloud_panel(scene: AttemptScene, view: Perspective, panel: tuple[int, int]) -> Image.Image:
     rows = slice(None, None, max(1, -(-len(scene.cloud) // LARGEST_CLOUD)))
     dots = cloud_discs(scene.cloud.points[rows], scene.cloud_instances[rows], scene.cloud.viewpoint)
     labels = tuple(
         PlacedLabel(each.label, _top(each.points), instance_colour(each.instance_id)) for each in scene.predicted
     )
-    return draw_scene(SceneDrawing(join([dots, _slim_hand(scene)]), labels, view, _table(scene)), PANEL)
+    return draw_scene(SceneDrawing(join([dots, _slim_hand(scene)]), labels, view, _table(scene)), panel)
 
 
-def _shapes_panel(scene: AttemptScene, view: Perspective, named: bool = False) -> Image.Image:
+def _shapes_panel(scene: AttemptScene, view: Perspective, panel: tuple[int, int], named: bool = False) -> Image.Image:
     drawn = join([_true_shapes(scene), _predicted(scene), _slim_hand(scene)])
     labels = tuple(
         PlacedLabel(each.label, _top(each.mesh.vertices), ROLE_COLOURS[each.role])
         for each in scene.objects
         if named and each.label
     )
-    return draw_scene(SceneDrawing(drawn, labels, view, _table(scene), _marks(scene)), PANEL)
+    return draw_scene(SceneDrawing(drawn, labels, view, _table(scene), _marks(scene)), panel)
 
 
-def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
+def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp, panel: tuple[int, int]) -> Image.Image:
     """Across the closing direction, so that both fingers are seen."""
     near = [each.mesh.vertices for each in scene.objects if each.role == "target"]
     outward, away = grasp.T_world_grasp[:3, 0], scene.T_world_camera[:3, 2]
@@ -215,13 +217,13 @@ def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
         outward = -outward
     azimuth = float(np.arctan2(outward[1], outward[0]))
     elevation = max(float(np.arcsin(np.clip(outward[2], -1.0, 1.0))), LOWEST)
-    view = framing_view(np.concatenate([*near, grasp.outline]), azimuth, elevation, PANEL, margin=0.07)
+    view = framing_view(np.concatenate([*near, grasp.outline]), azimuth, elevation, panel, margin=0.07)
     hand = whole_hand_triangles(grasp.gripper, grasp.T_world_grasp, grasp.opening, grasp.colour, PALM_OPACITY)
     drawn = join([_true_shapes(scene), _predicted(scene), hand])
-    return draw_scene(SceneDrawing(drawn, (), view, _table(scene), grasp.marks), PANEL)
+    return draw_scene(SceneDrawing(drawn, (), view, _table(scene), grasp.marks), panel)
 
 
-def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
+def _section_panel(scene: AttemptScene, grasp: DrawnGrasp, panel: tuple[int, int]) -> Image.Image:
     true = [CutMesh(each.mesh, ROLE_COLOURS[each.role], filled=True) for each in scene.objects]
     predicted = [CutMesh(each.mesh, instance_colour(each.instance_id), filled=False) for each in scene.shapes]
     cut = Cut(
@@ -235,7 +237,7 @@ def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
         grasp.marks,
         scene.table_height,
     )
-    return draw_section(cut, PANEL)
+    return draw_section(cut, panel)
 
 
 def _true_shapes(scene: AttemptScene) -> Triangles:
@@ -260,7 +262,7 @@ def _marks(scene: AttemptScene) -> Float[np.ndarray, "k 3"]:
     return np.zeros((0, 3)) if scene.grasp is None else scene.grasp.marks
 
 
-def _turned_view(scene: AttemptScene, turn: float, elevation: float | None) -> Perspective:
+def _turned_view(scene: AttemptScene, turn: float, elevation: float | None, panel: tuple[int, int]) -> Perspective:
     """A view of all objects from the azimuth of the camera, turned by an angle, and from its elevation if None."""
     right, outward = scene.T_world_camera[:3, 0], -scene.T_world_camera[:3, 2]
     azimuth = float(np.arctan2(-right[0], right[1])) + turn
@@ -268,7 +270,7 @@ def _turned_view(scene: AttemptScene, turn: float, elevation: float | None) -> P
         elevation = float(np.arcsin(np.clip(outward[2], -1.0, 1.0)))
     hand = np.zeros((0, 3)) if scene.grasp is None else scene.grasp.outline
     points = np.concatenate([*(each.mesh.vertices for each in scene.objects), hand])
-    return framing_view(points, azimuth, elevation, PANEL, margin=0.1)
+    return framing_view(points, azimuth, elevation, panel, margin=0.1)
 
 
 def _table(scene: AttemptScene) -> Table:
