@@ -7,6 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from types import CodeType
 
@@ -74,16 +75,22 @@ def layer_of(first: str) -> str:
     return "foundation" if first in FOUNDATION else first
 
 
-def imported(module: Path) -> set[str]:
+@cache
+def parsed(module: Path) -> ast.Module:
+    return ast.parse((PACKAGE / module).read_text())
+
+
+@cache
+def imported(module: Path) -> frozenset[str]:
     """Full names of everything that a module imports, also inside of functions."""
     names = set()
-    for node in ast.walk(ast.parse((PACKAGE / module).read_text())):
+    for node in ast.walk(parsed(module)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{module}: relative import"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names)
 
 
 def run_python(code: str) -> str:
@@ -161,7 +168,7 @@ def defines(path: Path, name: str) -> bool:
     """Whether a module exists and defines a function, class, constant or method (`Class.method`)."""
     if not path.is_file():
         return False
-    scope = ast.parse(path.read_text()).body
+    scope = parsed(path.relative_to(PACKAGE)).body
     for part in filter(None, name.split(".")):
         found = [node for node in scope if part in names_of(node)]
         if not found:
@@ -184,7 +191,7 @@ ARRAYS = re.compile(r"np\.ndarray|\bTensor\b|\bTrimesh\b")
 def array_dataclasses_that_compare(module: Path) -> list[str]:
     """Dataclasses of a module that hold arrays, whose truth nobody knows, and compare them all the same."""
     found = []
-    for node in ast.walk(ast.parse((PACKAGE / module).read_text())):
+    for node in ast.walk(parsed(module)):
         decorators = [ast.unparse(each) for each in node.decorator_list] if isinstance(node, ast.ClassDef) else []
         if not any(each.startswith("dataclass") and "eq=False" not in each for each in decorators):
             continue

@@ -19,7 +19,6 @@ SCENES = 3
 @pytest.fixture(autouse=True)
 def plain_output(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setattr("icgnet.viewer.dataset_sheet.PANEL", (76, 88))
     monkeypatch.setenv("ICGNET_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
@@ -68,7 +67,7 @@ def cube_scene(number: int) -> Recipe:
 
 
 def inspect(*arguments: object) -> int:
-    return main(["dataset", "inspect", "--data", *map(str, arguments)])
+    return main(["dataset", "inspect", "--panel", "76", "88", "--data", *map(str, arguments)])
 
 
 def test_the_card_is_printed_and_written_with_sheets(data, objects, tmp_path, capsys):
@@ -131,6 +130,7 @@ def test_wrong_use_is_one_line_that_names_it(data, objects, tmp_path, capsys):
         ([no_manifest], "no manifest.json"),
         ([data, "--objects", objects, "--ids", "7"], "there is no scene 7; the scenes are 0 to 2"),
         ([data, "--checked", "0"], "checked at least 1, got 12 and 0"),
+        ([data, "--panel", "76", "9000"], "between 16 and 4000 pixels high and wide, got 76 x 9000"),
         ([data, "--out", foreign], "holds other files"),
     ):
         assert inspect(*arguments) == 2

@@ -5,10 +5,9 @@ from icgnet.cli.main import main
 
 
 @pytest.mark.slow
-def test_sensors_draws_a_sheet(tmp_path, monkeypatch):
-    monkeypatch.setattr("icgnet.viewer.sensor_sheet.PANEL_SHAPE", (75, 90))
+def test_sensors_draws_a_sheet(tmp_path):
     path = tmp_path / "sheet.png"
-    assert main(["sensors", "--out", str(path), "--count", "2", "--seed", "1"]) == 0
+    assert main(["sensors", "--out", str(path), "--count", "2", "--seed", "1", "--panel", "75", "90"]) == 0
     with Image.open(path) as image:
         assert min(image.size) > 400
 
@@ -19,6 +18,7 @@ def test_sensors_draws_a_sheet(tmp_path, monkeypatch):
         (["sheet.jpg"], "end in .png"),
         (["sheet.png", "--count", "0"], "at least 1"),
         (["s.png", "--objects", "no"], "no"),
+        (["s.png", "--panel", "0", "90"], "panel must be between 16 and 4000 pixels high and wide, got 0 x 90"),
     ],
 )
 def test_wrong_use_is_one_line_and_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):

@@ -40,17 +40,12 @@ def grasps_on(centres: np.ndarray, each: int) -> Grasps:
     return Grasps(poses, widths, GRIPPER.opening(widths), scores, owners, contacts, np.full(len(owners), 6))
 
 
-@pytest.fixture(autouse=True)
-def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("icgnet.viewer.dataset_sheet.PANEL", PANEL)
-
-
 @pytest.fixture
-def scene(small_pictures) -> LabelledScene:
+def scene() -> LabelledScene:
     """Two cubes on the table, one contact on each of the four walls of each, the first cube graspable."""
     centres = np.array([[0.10, 0.10, 0.075], [0.20, 0.18, 0.075]])
     meshes = tuple(trimesh.creation.box([CUBE] * 3).apply_translation(centre) for centre in centres)
-    view = sheet_view(meshes, azimuth=0.4)
+    view = sheet_view(meshes, 0.4, PANEL)
     owners = np.repeat([0, 1], 12)
     triangles = np.concatenate([mesh.triangles for mesh in meshes])
     image = SceneRenderer(triangles, owners).render(view.intrinsics(PANEL), PANEL, view.T_world_camera)

@@ -1,22 +1,22 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from icgnet.geometry.camera import look_at
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import invert_transform
-from icgnet.viewer import picture
+from icgnet.inference.prediction import Prediction
 from icgnet.viewer.describe import best_per_object, summary
 from icgnet.viewer.palette import instance_colour
 from icgnet.viewer.picture import draw_prediction, prediction_picture
 
+SIZE = (450, 800)
+"""A quarter of the pixels: nothing that is tested here depends on how many there are."""
 
-@pytest.fixture(autouse=True)
-def small_pictures(monkeypatch):
-    """A quarter of the pixels: nothing that is tested here depends on how many there are."""
-    monkeypatch.setattr(picture, "PICTURE_SHAPE", (450, 800))
+
+def drawn(prediction: Prediction, title: str | None = None) -> Image.Image:
+    return prediction_picture(prediction, title, SIZE)
 
 
 def hue_share(image: Image.Image, colour: tuple[float, float, float]) -> np.ndarray:
@@ -36,7 +36,7 @@ def halves(image: Image.Image) -> tuple[Image.Image, Image.Image]:
 
 def test_both_panels_show_every_object_in_its_colour_at_the_same_place(make_prediction):
     bare = replace(make_prediction(), grasps=make_prediction(grasps_each=0).grasps)
-    panels = halves(prediction_picture(bare))
+    panels = halves(drawn(bare))
     for instance in (0, 1):
         places = []
         for panel in panels:
@@ -54,14 +54,14 @@ def test_hands_are_visible_and_green_or_yellow(make_prediction):
         return int(((green > blue + 60) & (green > red + 10)).sum())
 
     with_hands, without = make_prediction(), make_prediction(grasps_each=0)
-    assert greenish(prediction_picture(with_hands)) > 500
-    assert greenish(prediction_picture(without)) == 0
+    assert greenish(drawn(with_hands)) > 500
+    assert greenish(drawn(without)) == 0
 
 
 def test_a_prediction_in_a_camera_frame_gives_the_same_picture(make_prediction):
     T_camera_table = invert_transform(look_at(np.array([0.5, -0.3, 0.6]), np.array([0.15, 0.15, 0.05])))
-    upright = np.asarray(prediction_picture(make_prediction())).astype(int)
-    camera = np.asarray(prediction_picture(make_prediction(T_camera_table))).astype(int)
+    upright = np.asarray(drawn(make_prediction())).astype(int)
+    camera = np.asarray(drawn(make_prediction(T_camera_table))).astype(int)
     assert (np.abs(upright - camera).max(axis=2) > 8).mean() < 0.01
 
 
@@ -76,7 +76,7 @@ def test_an_empty_prediction_is_a_picture_too(make_prediction, tmp_path):
         input_rows=nothing,
         timings_ms={},
     )
-    draw_prediction(empty, tmp_path / "empty.png")
+    draw_prediction(empty, tmp_path / "empty.png", size=SIZE)
     with Image.open(tmp_path / "empty.png") as image:
         assert image.size == (800, 450)
     assert summary(empty) == "0 objects  ·  0 grasps"
@@ -85,18 +85,18 @@ def test_an_empty_prediction_is_a_picture_too(make_prediction, tmp_path):
 def test_without_objects_the_cloud_is_drawn_grey(make_prediction):
     found = make_prediction(grasps_each=0)
     unassigned = replace(found, objects=(), cloud_instances=np.full_like(found.cloud_instances, -1))
-    left = np.asarray(halves(prediction_picture(unassigned))[0])[60:-60].astype(int)
+    left = np.asarray(halves(drawn(unassigned))[0])[60:-60].astype(int)
     assert np.ptp(left, axis=2).max() < 25
     assert (left.max(axis=2) < 200).sum() > 300
 
 
 def test_long_names_and_titles_stay_in_the_picture_and_keep_the_numbers(make_prediction):
     found = make_prediction(names=("ball " * 40, "box"))
-    image = np.asarray(prediction_picture(found, "a very long file name " * 20))
+    image = np.asarray(drawn(found, "a very long file name " * 20))
     frame = np.concatenate([image[:3].ravel(), image[-3:].ravel(), image[:, :3].ravel(), image[:, -3:].ravel()])
     assert frame.min() > 200
     # The numbers end the title line, in the same pixels wherever they stand.
-    short = np.asarray(prediction_picture(found))[:60].min(axis=2) < 200
+    short = np.asarray(drawn(found))[:60].min(axis=2) < 200
     columns = np.flatnonzero(short.any(axis=0))
     numbers = short[:, columns[0] : columns[-1] + 1]
     ends = np.flatnonzero((image[:60].min(axis=2) < 200).any(axis=0))[-1] + 1
@@ -121,5 +121,5 @@ def test_the_summary_counts_and_adds_up_the_stages(make_prediction):
 def test_hands_are_drawn_as_far_open_as_they_were_checked(make_prediction):
     found = make_prediction()
     fully = replace(found, grasps=replace(found.grasps, openings=np.full(len(found.grasps), 0.08)))
-    differing = np.asarray(prediction_picture(found)) != np.asarray(prediction_picture(fully))
+    differing = np.asarray(drawn(found)) != np.asarray(drawn(fully))
     assert differing.any(axis=2).sum() > 200

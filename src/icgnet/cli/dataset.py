@@ -45,6 +45,8 @@ class Inspect:
     """Decides which scenes are drawn and checked."""
     overwrite: bool = False
     """Replace a folder --out that holds other files."""
+    panel: tuple[int, int] = (380, 440)
+    """Height and width of one picture of a sheet [pixels]."""
 
     def run(self) -> None:
         """Prints the card, and writes the folder if there is one to write.
@@ -54,6 +56,9 @@ class Inspect:
         """
         if self.scenes < 0 or self.checked < 1:
             raise InputError(f"scenes must be at least 0 and checked at least 1, got {self.scenes} and {self.checked}")
+        from icgnet.viewer.sheet import check_panel
+
+        check_panel(self.panel)
         from icgnet.datagen.card import find_objects, make_card
         from icgnet.datagen.recipe import read_manifest, read_recipes
         from icgnet.grasping.gripper import Gripper
@@ -77,7 +82,7 @@ class Inspect:
             (folder / CARD_JSON).write_text(json.dumps(card.to_json(), indent=2) + "\n")
             (folder / CARD_MARKDOWN).write_text(card.to_markdown())
             if object_set is not None:
-                _draw(drawn, object_set, Gripper.from_dict(manifest["gripper"]), folder)
+                _draw(drawn, object_set, Gripper.from_dict(manifest["gripper"]), folder, self.panel)
         console.print(f"wrote {self.out}", soft_wrap=True, markup=False)
 
     def _drawn(self, recipes: "Sequence[Recipe]") -> "list[Recipe]":
@@ -106,26 +111,30 @@ def _print_card(card: "DataCard", console: Console) -> None:
         console.print(f"no checks and no sheets: {card.unchecked}", soft_wrap=True, markup=False)
 
 
-def _draw(recipes: "Sequence[Recipe]", object_set: "ObjectSet", gripper: "Gripper", folder: Path) -> None:
+def _draw(
+    recipes: "Sequence[Recipe]", object_set: "ObjectSet", gripper: "Gripper", folder: Path, panel: tuple[int, int]
+) -> None:
     from icgnet.viewer.dataset_sheet import draw_dataset_sheets
 
-    scenes = [_labelled_scene(recipe, object_set, gripper) for recipe in recipes]
+    scenes = [_labelled_scene(recipe, object_set, gripper, panel) for recipe in recipes]
     draw_dataset_sheets(scenes, gripper, folder)
 
 
-def _labelled_scene(recipe: "Recipe", object_set: "ObjectSet", gripper: "Gripper") -> "LabelledScene":
+def _labelled_scene(
+    recipe: "Recipe", object_set: "ObjectSet", gripper: "Gripper", panel: tuple[int, int]
+) -> "LabelledScene":
     import numpy as np
 
     from icgnet.datagen.checks import successful_grasps
     from icgnet.simulation.camera import SceneRenderer
     from icgnet.simulation.scene import scene_triangles, world_mesh
-    from icgnet.viewer.dataset_sheet import PANEL, LabelledScene, sheet_view
+    from icgnet.viewer.dataset_sheet import LabelledScene, sheet_view
 
     scene = recipe.scene()
     meshes = tuple(world_mesh(placed, object_set) for placed in scene.objects)
-    view = sheet_view(meshes, azimuth=GOLDEN_ANGLE * recipe.scene_id)
+    view = sheet_view(meshes, GOLDEN_ANGLE * recipe.scene_id, panel)
     image = SceneRenderer(*scene_triangles(scene, object_set)).render(
-        view.intrinsics(PANEL), PANEL, view.T_world_camera
+        view.intrinsics(panel), panel, view.T_world_camera
     )
     return LabelledScene(
         title=f"scene {recipe.scene_id} ({recipe.kind})",

@@ -28,6 +28,8 @@ class Sensors:
     """Angle of the camera from the vertical [degrees]."""
     seed: int = 0
     """Of every random draw."""
+    panel: tuple[int, int] = (300, 360)
+    """Height and width of the picture of one cloud [pixels]."""
 
     def run(self) -> None:
         """Draws the sheet.
@@ -39,6 +41,9 @@ class Sensors:
             raise InputError(f"the file to write must end in .png, got {self.out.name!r}")
         if self.count < 1:
             raise InputError(f"count must be at least 1, got {self.count}")
+        from icgnet.viewer.sheet import check_panel
+
+        check_panel(self.panel)
         import numpy as np
 
         from icgnet.simulation.scenes import spawn_scene
@@ -50,5 +55,5 @@ class Sensors:
         picture = take_gallery_picture(scene, object_set, np.deg2rad(self.polar))
         gallery = sense_gallery(picture, self.seed)
         clouds = [SeenCloud(caption, seen.points, seen.owners, seen.viewpoint) for caption, seen in gallery.items()]
-        draw_sensor_sheet(clouds, self.out)
+        draw_sensor_sheet(clouds, self.out, self.panel)
         Console().print(f"{self.out}: {len(scene.objects)} objects as seen by many sensors", soft_wrap=True)

@@ -29,8 +29,6 @@ from icgnet.viewer.triangles import (
 )
 from icgnet.viewer.view import Perspective, framing_view
 
-PANEL = (380, 440)
-"""Height and width of one picture [pixels]."""
 SCENES_PER_SHEET = 4
 CLOUD_VOXEL = 0.002
 """The cloud is thinned to one point in each voxel of this edge [m]."""
@@ -65,7 +63,7 @@ class LabelledScene:
         title: number and kind of the scene.
         meshes: visual mesh of each object [m], at least one.
         view: the camera, see `sheet_view`.
-        depth: its image of the shape `PANEL`, along its z axis; 0 where nothing is seen [m].
+        depth: its image along its z axis, 0 where nothing is seen [m]; all pictures of the scene have its size.
         ids: object of each pixel; -1 for nothing, -2 for the table.
         positions: contacts [m].
         normals: outward unit normals there.
@@ -82,6 +80,12 @@ class LabelledScene:
     normals: Float[np.ndarray, "g 3"]
     scores: Float[np.ndarray, "g"]
     grasps: Grasps
+
+    @property
+    def panel(self) -> tuple[int, int]:
+        """Height and width of each of its pictures [pixels]."""
+        height, width = self.depth.shape
+        return height, width
 
 
 def draw_dataset_sheets(scenes: Sequence[LabelledScene], gripper: Gripper, folder: Path) -> list[Path]:
@@ -103,24 +107,27 @@ def scene_pictures(scene: LabelledScene, gripper: Gripper) -> dict[str, UInt8[np
     return {
         f"{scene.title}: depth of the objects": colour_depth(of_objects),
         f"{len(scene.meshes)} object{'s' * (len(scene.meshes) != 1)}": colour_ids(scene.ids),
-        "cloud; colour: normal x, y, z": _drawn(_cloud(scene), scene.view),
+        "cloud; colour: normal x, y, z": _drawn(_cloud(scene), scene.view, scene.panel),
         f"{len(scene.scores)} contacts; red: all angles fail": _drawn(
-            join([_shapes(scene, 1.0), _contacts(scene)]), scene.view
+            join([_shapes(scene, 1.0), _contacts(scene)]), scene.view, scene.panel
         ),
-        f"the {len(hands)} safest of {len(scene.grasps)} grasps": _drawn(among, _hands_view(scene, hands, 0.0)),
-        "from another side, nearly level": _drawn(among, _hands_view(scene, hands, LEVEL_TURN)),
+        f"the {len(hands)} safest of {len(scene.grasps)} grasps": _drawn(
+            among, _hands_view(scene, hands, 0.0), scene.panel
+        ),
+        "from another side, nearly level": _drawn(among, _hands_view(scene, hands, LEVEL_TURN), scene.panel),
     }
 
 
-def sheet_view(meshes: Sequence[trimesh.Trimesh], azimuth: float) -> Perspective:
+def sheet_view(meshes: Sequence[trimesh.Trimesh], azimuth: float, panel: tuple[int, int]) -> Perspective:
     """The camera of a sheet's first pictures: it sees the whole of all meshes (world frame [m]).
 
     Args:
         meshes: what stands on the table, at least one.
         azimuth: where the camera stands, about world z from world x [rad].
+        panel: height and width of its image [pixels].
     """
     corners = np.concatenate([mesh.vertices for mesh in meshes])
-    return framing_view(corners, azimuth, CAMERA_ELEVATION, PANEL, margin=0.08)
+    return framing_view(corners, azimuth, CAMERA_ELEVATION, panel, margin=0.08)
 
 
 def chosen_hands(grasps: Grasps) -> Grasps:
@@ -133,9 +140,9 @@ def chosen_hands(grasps: Grasps) -> Grasps:
     return chosen.select(slice(0, MOST_HANDS))
 
 
-def _drawn(triangles: Triangles, view: Perspective) -> UInt8[np.ndarray, "_ _ 3"]:
+def _drawn(triangles: Triangles, view: Perspective, panel: tuple[int, int]) -> UInt8[np.ndarray, "_ _ 3"]:
     table = Table(TABLE_HEIGHT, (SIZE / 2, SIZE / 2), 0.8 * SIZE)
-    return render(triangles, table, view, PANEL)
+    return render(triangles, table, view, panel)
 
 
 def _hands_view(scene: LabelledScene, hands: Grasps, turn: float) -> Perspective:
@@ -145,7 +152,7 @@ def _hands_view(scene: LabelledScene, hands: Grasps, turn: float) -> Perspective
     outward = -scene.view.T_world_camera[:3, 2]
     azimuth = float(np.arctan2(outward[1], outward[0])) + turn
     elevation = LEVEL_ELEVATION if turn else CAMERA_ELEVATION
-    return framing_view(np.concatenate([corners, palms]), azimuth, elevation, PANEL, margin=0.06)
+    return framing_view(np.concatenate([corners, palms]), azimuth, elevation, scene.panel, margin=0.06)
 
 
 def _shapes(scene: LabelledScene, opacity: float) -> Triangles:
@@ -159,7 +166,7 @@ def _shapes(scene: LabelledScene, opacity: float) -> Triangles:
 
 def _cloud(scene: LabelledScene) -> Triangles:
     """What the camera sees of the objects, with normals estimated from it; red, green, blue are their x, y, z."""
-    seen = unproject(scene.depth, scene.view.intrinsics(PANEL))[scene.ids >= 0]
+    seen = unproject(scene.depth, scene.view.intrinsics(scene.panel))[scene.ids >= 0]
     points, _ = voxel_downsample(transform_points(scene.view.T_world_camera, seen), CLOUD_VOXEL)
     normals = estimate_normals(points, scene.view.T_world_camera[:3, 3])
     return disc_triangles(points, normals, 0.5 + 0.5 * normals, CLOUD_RADIUS)

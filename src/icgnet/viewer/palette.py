@@ -5,6 +5,7 @@ All colours are sRGB in [0, 1].
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib import colormaps
 
 INK = (0.13, 0.15, 0.18)
 """Text and leader lines."""
@@ -32,20 +33,6 @@ _INSTANCE_HEX = (
     "CCAA88",
     "3399CC",
 )
-# Anchors along the viridis colour scale, evenly spaced: lightness grows with the value, so it reads in grey as well.
-_SCORE_HEX = (
-    "440154",
-    "482475",
-    "414487",
-    "355F8D",
-    "2A788E",
-    "21918C",
-    "22A884",
-    "44BF70",
-    "7AD151",
-    "BDDF26",
-    "FDE725",
-)
 
 
 def _from_hex(codes: tuple[str, ...]) -> Float[np.ndarray, "k 3"]:
@@ -53,7 +40,6 @@ def _from_hex(codes: tuple[str, ...]) -> Float[np.ndarray, "k 3"]:
 
 
 _INSTANCES = _from_hex(_INSTANCE_HEX)
-_SCORES = _from_hex(_SCORE_HEX)
 
 
 def instance_colours(instances: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:
@@ -69,10 +55,8 @@ def instance_colour(instance: int) -> tuple[float, float, float]:
 
 
 def score_colours(scores: Float[np.ndarray, "g"]) -> Float[np.ndarray, "g 3"]:
-    """Colours from dark violet (0) over green to yellow (1); values outside are clipped."""
-    position = np.clip(np.nan_to_num(scores), 0.0, 1.0) * (len(_SCORES) - 1)
-    anchors = np.arange(len(_SCORES))
-    return np.stack([np.interp(position, anchors, _SCORES[:, channel]) for channel in range(3)], axis=-1)
+    """Colours of the scale viridis, dark violet (0) over green to yellow (1); values outside are clipped."""
+    return colormaps["viridis"](np.clip(np.nan_to_num(scores), 0.0, 1.0))[:, :3]
 
 
 def to_bytes(colour: tuple[float, float, float]) -> tuple[int, int, int]:

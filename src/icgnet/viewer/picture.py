@@ -22,6 +22,7 @@ from icgnet.viewer.triangles import Triangles, disc_triangles, hand_triangles, j
 from icgnet.viewer.view import Perspective, framing_view
 
 PICTURE_SHAPE = (900, 1600)
+"""Height and width unless another size is asked for [pixels]."""
 TITLE_HEIGHT, TITLE_SIZE = 64, 25
 MARGIN = 28
 FADE = 60
@@ -76,20 +77,25 @@ def draw_scene(drawing: SceneDrawing, shape: tuple[int, int]) -> Image.Image:
     return image
 
 
-def draw_prediction(prediction: Prediction, path: str | Path, title: str | None = None) -> None:
+def draw_prediction(
+    prediction: Prediction, path: str | Path, title: str | None = None, size: tuple[int, int] = PICTURE_SHAPE
+) -> None:
     """Writes a PNG: on the left the observed cloud and the best grasp of each object, on the right shapes and grasps.
 
     Args:
         prediction: may have no objects and no grasps.
         path: file to write.
         title: first words of the title line, before the numbers; for example the name of the input.
+        size: height and width [pixels].
     """
-    prediction_picture(prediction, title).save(path)
+    prediction_picture(prediction, title, size).save(path)
 
 
-def prediction_picture(prediction: Prediction, title: str | None = None) -> Image.Image:
+def prediction_picture(
+    prediction: Prediction, title: str | None = None, size: tuple[int, int] = PICTURE_SHAPE
+) -> Image.Image:
     """The picture that `draw_prediction` writes."""
-    height, width = PICTURE_SHAPE
+    height, width = size
     shape = (height - TITLE_HEIGHT, width // 2)
     T_table_frame = invert_transform(prediction.T_frame_table)
     grasps = prediction.grasps.transformed(T_table_frame)
@@ -120,7 +126,7 @@ def _fading(shape: tuple[int, int]) -> Image.Image:
 
 
 def _write_words(picture: Image.Image, prediction: Prediction, title: str | None) -> None:
-    height, width = PICTURE_SHAPE
+    width, height = picture.size
     numbers = summary(prediction)
     if title is not None:
         numbers = SEPARATOR + numbers

@@ -16,7 +16,6 @@ from icgnet.viewer.sheet import draw_sheet
 from icgnet.viewer.triangles import disc_triangles
 from icgnet.viewer.view import Perspective, framing_view
 
-PANEL_SHAPE = (300, 360)
 COLUMNS = 5
 ELEVATION = np.deg2rad(28.0)
 ASIDE = np.deg2rad(50.0)
@@ -45,12 +44,13 @@ class SeenCloud:
     viewpoint: Float[np.ndarray, "3"]
 
 
-def draw_sensor_sheet(clouds: Sequence[SeenCloud], path: str | Path) -> None:
+def draw_sensor_sheet(clouds: Sequence[SeenCloud], path: str | Path, panel: tuple[int, int]) -> None:
     """Writes a PNG with the clouds, all from one direction; the table is grey, what belongs to nothing dark.
 
     Args:
         clouds: the first one sets the view.
         path: file to write.
+        panel: height and width of the picture of one cloud [pixels].
 
     Raises:
         InputError: no clouds, or a first one without points on objects.
@@ -63,15 +63,17 @@ def draw_sensor_sheet(clouds: Sequence[SeenCloud], path: str | Path) -> None:
     corners = np.array([[x, y, TABLE_HEIGHT] for x in (lower[0], upper[0]) for y in (lower[1], upper[1])])
     towards = first.viewpoint - objects.mean(axis=0)
     azimuth = float(np.arctan2(towards[1], towards[0])) + ASIDE
-    view = framing_view(np.concatenate([objects, corners]), azimuth, ELEVATION, PANEL_SHAPE, margin=0.03)
-    panels = [_draw_cloud(cloud, crop(cloud.points, lower, upper), view) for cloud in clouds]
+    view = framing_view(np.concatenate([objects, corners]), azimuth, ELEVATION, panel, margin=0.03)
+    panels = [_draw_cloud(cloud, crop(cloud.points, lower, upper), view, panel) for cloud in clouds]
     draw_sheet(panels, [cloud.caption for cloud in clouds], path, COLUMNS)
 
 
-def _draw_cloud(cloud: SeenCloud, shown: Bool[np.ndarray, "n"], view: Perspective) -> UInt8[np.ndarray, "h w 3"]:
+def _draw_cloud(
+    cloud: SeenCloud, shown: Bool[np.ndarray, "n"], view: Perspective, panel: tuple[int, int]
+) -> UInt8[np.ndarray, "h w 3"]:
     points, owners = cloud.points[shown], cloud.owners[shown]
     normals = estimate_normals(points, cloud.viewpoint, neighbours=16, radius=0.006)
     colours = instance_colours(owners)
     colours[owners == TABLE] = TABLE_COLOUR
     colours[owners == NOTHING] = INK
-    return render(disc_triangles(points, normals, colours, DISC_RADIUS), None, view, PANEL_SHAPE)
+    return render(disc_triangles(points, normals, colours, DISC_RADIUS), None, view, panel)

@@ -16,6 +16,20 @@ CAPTION_SIZE = 17
 NOTHING = (235, 236, 238)
 """Colour of pixels where nothing was measured or seen."""
 TABLE = (206, 209, 214)
+SMALLEST, LARGEST = 16, 4000
+"""Height and width of a picture on a sheet [pixels]."""
+
+
+def check_panel(panel: tuple[int, int]) -> None:
+    """Makes sure that pictures of this height and width can be drawn [pixels].
+
+    Raises:
+        InputError: too small or too large.
+    """
+    if min(panel) < SMALLEST or max(panel) > LARGEST:
+        raise InputError(
+            f"panel must be between {SMALLEST} and {LARGEST} pixels high and wide, got {panel[0]} x {panel[1]}"
+        )
 
 
 def colour_depth(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
