@@ -1,0 +1,46 @@
+"""Every command line in README and documents is one that the command takes."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from icgnet.cli.main import COMMANDS, parse
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name != "log.md")]
+STARTS = ("icgnet ", "-m icgnet.cli.main -- ")
+"""How command lines begin, also behind torchrun."""
+
+
+def command_lines() -> list[tuple[str, str]]:
+    """Page and command line, of blocks of code and of what stands in backticks."""
+    found = []
+    for page in PAGES:
+        text = page.read_text().replace("\\\n", " ")
+        for block, inline in re.findall(r"^```[a-z]*\n(.*?)^```|`([^`]+)`", text, re.S | re.M):
+            for line in (block or inline.replace("\n", " ")).splitlines():
+                start = next((line.find(each) + len(each) for each in STARTS if each in line), None)
+                words = [] if start is None else line[start:].split()
+                if len(words) > 1 and (words[0] in COMMANDS or " ".join(words[:2]) in COMMANDS):
+                    found.append((str(page.relative_to(ROOT)), line[start:]))
+    return found
+
+
+LINES = command_lines()
+
+
+def test_documents_have_command_lines():
+    assert len(LINES) > 50
+
+
+@pytest.mark.parametrize(("page", "line"), LINES, ids=[f"{page}: {line[:60]}" for page, line in LINES])
+def test_a_documented_command_line_is_taken(page, line, monkeypatch, capsys):
+    words = [re.sub(r"\$\w+", "1", word) for word in shlex.split(line, comments=True)]
+    try:
+        parse([word for word in words if word != "..."])
+    except SystemExit:
+        said = capsys.readouterr().err
+        # Text may name a command by the options that it speaks of.
+        assert "Missing from icgnet" in said, f"{page}: icgnet {line}\n{said}"
