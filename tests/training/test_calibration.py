@@ -13,7 +13,6 @@ from icgnet.network.weights import is_stored_in_half, load_weights, save_weights
 from icgnet.training.calibration import (
     Calibration,
     SceneGrasps,
-    affordance_output,
     calibrate,
     calibrate_weights,
     decode_scenes,
@@ -100,7 +99,7 @@ def test_no_scene_is_judged_by_a_line_that_was_fitted_on_it():
 def test_folding_maps_the_decoded_logits_and_changes_nothing_else(affordance, samples):
     torch.manual_seed(1)
     network = IcgNet(replace(NETWORKS["tiny"], affordance=affordance)).eval()
-    torch.nn.init.normal_(affordance_output(network).weight)
+    torch.nn.init.normal_(network.affordance.success_layer.weight)
     before, kept = logits_of(network, samples), copy.deepcopy(network.state_dict())
     names = fold(network, LINE)
     after = logits_of(network, samples)

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.network.config import NetworkConfig
+from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.layers import ResidualBlock
 
 
@@ -59,6 +60,27 @@ def centred_on_queries(features: Float[Tensor, "n f"], query_positions: Float[Te
     return torch.cat([offsets, features[None, :, 3:].expand(len(query_positions), -1, -1)], 2)
 
 
+@dataclass(frozen=True, eq=False)
+class ContactInputs:
+    """What a decoder of affordances is told of contacts, whatever it makes of it.
+
+    Attributes:
+        features: [g f] interpolated point features there.
+        queries: [g c] affordance query of each one's instance.
+        latent: [g l] the same with its positional encoding and the scale of the scene.
+        contacts: [g 3] positions [m, workspace frame].
+        normals: [g 3] outward unit normals there (workspace frame).
+        embedding: of the scene.
+    """
+
+    features: Float[Tensor, "g f"]
+    queries: Float[Tensor, "g c"]
+    latent: Float[Tensor, "g l"]
+    contacts: Float[Tensor, "g 3"]
+    normals: Float[Tensor, "g 3"]
+    embedding: SceneEmbedding
+
+
 class ContactDecoder(nn.Module):
     """Success at all approach angles, and the width, from features at the contact alone.
 
@@ -70,7 +92,12 @@ class ContactDecoder(nn.Module):
         self.quality = ConditionedDecoder(config, len(APPROACH_ANGLES))
         self.width = ConditionedDecoder(config, 1)
 
-    def forward(self, features: Float[Tensor, "g f"], latent: Float[Tensor, "g c"]) -> Affordance:
+    @property
+    def success_layer(self) -> nn.Linear:
+        """The layer that the logits come from."""
+        return self.quality.end
+
+    def forward(self, inputs: ContactInputs) -> Affordance:
         """Affordance from point features at contacts and the latent of each contact's instance."""
-        logits = self.quality(features, latent)
-        return Affordance(logits, self.width(features, latent)[:, 0], logits.amax(1))
+        logits = self.quality(inputs.features, inputs.latent)
+        return Affordance(logits, self.width(inputs.features, inputs.latent)[:, 0], logits.amax(1))

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.frame import APPROACH_ANGLES, SINGULAR_COSINE
 from icgnet.network.config import HandConfig, NetworkConfig
-from icgnet.network.decoders import Affordance
+from icgnet.network.decoders import Affordance, ContactInputs
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.tokens import decoder_map_widths, token_widths
@@ -92,20 +92,16 @@ class HandDecoder(nn.Module):
         )
         nn.init.constant_(self.success.bias, _POSITIVE_PRIOR)
 
-    def forward(
-        self,
-        features: Float[Tensor, "g f"],
-        queries: Float[Tensor, "g c"],
-        contacts: Float[Tensor, "g 3"],
-        normals: Float[Tensor, "g 3"],
-        embedding: SceneEmbedding,
-    ) -> Affordance:
-        """Affordance at contacts [m, workspace frame] with outward unit normals.
+    @property
+    def success_layer(self) -> nn.Linear:
+        """The layer that the logits come from."""
+        return self.success
 
-        `features` are the interpolated point features there, `queries` the affordance query of each one's instance.
-        """
-        contact = self.contact_features(features, queries, contacts, normals, embedding)
-        readable = self.readable_map(embedding)
+    def forward(self, inputs: ContactInputs) -> Affordance:
+        """Affordance at contacts, from what is around the hand at each approach angle."""
+        contacts, normals = inputs.contacts, inputs.normals
+        contact = self.contact_features(inputs)
+        readable = self.readable_map(inputs.embedding)
         frames = hand_frames(normals, len(APPROACH_ANGLES))
         points = contacts[:, None, None] + torch.einsum("gaij,kj->gaki", frames, self.points)
         reads = readable.trilinear(points.reshape(-1, 3)).view(*points.shape[:2], -1)
@@ -114,19 +110,12 @@ class HandDecoder(nn.Module):
         logits = self.success(torch.relu(fit + self.of_contact(contact)[:, None]))[..., 0]
         return Affordance(logits, self._widths(contact, contacts, normals, readable), self.any_success(contact)[:, 0])
 
-    def contact_features(
-        self,
-        features: Float[Tensor, "g f"],
-        queries: Float[Tensor, "g c"],
-        contacts: Float[Tensor, "g 3"],
-        normals: Float[Tensor, "g 3"],
-        embedding: SceneEmbedding,
-    ) -> Float[Tensor, "g h"]:
+    def contact_features(self, inputs: ContactInputs) -> Float[Tensor, "g h"]:
         """What is known about a contact whatever the angle: its surroundings fine and coarse, object and normal."""
-        parts = [features, queries, normals]
+        parts = [inputs.features, inputs.queries, inputs.normals]
         for level, project in zip(_CONTEXT_LEVELS, self.context, strict=True):
-            tokens = embedding.tokens[level]
-            parts.append(project(tokens.features[tokens.search.nearest(contacts, 1)[:, 0]]))
+            tokens = inputs.embedding.tokens[level]
+            parts.append(project(tokens.features[tokens.search.nearest(inputs.contacts, 1)[:, 0]]))
         return torch.relu(self.contact(torch.cat(parts, 1)))
 
     def readable_map(self, embedding: SceneEmbedding) -> DenseMap:

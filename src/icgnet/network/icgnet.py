@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from icgnet.errors import InputError
 from icgnet.network.config import DENSE_CELLS, DENSE_PITCH, NetworkConfig
-from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, centred_on_queries
+from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, ContactInputs, centred_on_queries
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.dense_unet import CoarseVolume, DenseUNet
 from icgnet.network.embedding import SceneEmbedding
@@ -150,9 +150,9 @@ class IcgNet(nn.Module):
         level = feature_level(stage)
         with _full_precision(contacts):
             features = self.affordance_features(contacts, embedding, level, self.pooling, self.encoding)
-            if isinstance(self.affordance, HandDecoder):
-                return self.affordance(features, affordance_queries[queries], contacts, normals, embedding)
-            return self.affordance(features, self._latent(embedding, queries, affordance_queries))
+            latent = self._latent(embedding, queries, affordance_queries)
+            told = ContactInputs(features, affordance_queries[queries], latent, contacts, normals, embedding)
+            return self.affordance(told)
 
     def _latent(self, embedding: SceneEmbedding, rows: Tensor, queries: Tensor) -> Tensor:
         """Query, its positional encoding and the scene scale, for the chosen rows."""

@@ -15,10 +15,8 @@ import torch
 from jaxtyping import Bool, Float
 from scipy.optimize import minimize
 from scipy.special import expit
-from torch import nn
 
 from icgnet.errors import DataError, InputError
-from icgnet.network.hand_decoder import HandDecoder
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import is_stored_in_half, load_weights, save_weights
@@ -233,17 +231,11 @@ def fit_calibration(scenes: Sequence[SceneGrasps]) -> Calibration:
 
 def fold(network: IcgNet, calibration: Calibration) -> tuple[str, ...]:
     """Puts a calibration into the last affordance layer, in place, and returns the names of the changed tensors."""
-    layer = affordance_output(network)
+    layer = network.affordance.success_layer
     with torch.no_grad():
         layer.weight.mul_(calibration.scale)
         layer.bias.mul_(calibration.scale).add_(calibration.offset)
     return tuple(name for name, value in network.named_parameters() if value is layer.weight or value is layer.bias)
-
-
-def affordance_output(network: IcgNet) -> nn.Linear:
-    """The linear layer that the logits of the grasps come from."""
-    decoder = network.affordance
-    return decoder.success if isinstance(decoder, HandDecoder) else decoder.quality.end
 
 
 def judge(scenes: Sequence[SceneGrasps], calibration: Calibration | None = None) -> ScoreReport:
