@@ -44,7 +44,7 @@ def test_a_documented_command_line_is_taken(page, line, monkeypatch, capsys):
 
 
 def mistake_in(words: list[str], capsys) -> str:
-    """What the parser finds wrong. Help is no mistake, and text may name a command by those options that it speaks of."""
+    """What the parser finds wrong; help is no mistake, and text may name only those options that it speaks of."""
     try:
         parse(words)
     except SystemExit as stop:
