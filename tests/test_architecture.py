@@ -62,7 +62,7 @@ AT_HOME = {
     "pyarrow": {"datagen"},
     "tyro": {"cli"},
     "torch": {"network", "training", "inference", "predictor", "benchmark", "studies"},
-    "embreex": {"geometry", "simulation", "viewer"},
+    "embreex": {"geometry"},
     "coacd": {"objects"},
 }
 """Packages that only these layers know."""

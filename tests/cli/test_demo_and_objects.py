@@ -12,7 +12,8 @@ from tabletop_scenes import tiny_network
 
 
 @pytest.mark.slow
-def test_the_demo_writes_a_prediction_of_the_shipped_capture(tmp_path, capsys):
+@pytest.mark.filterwarnings("error")
+def test_the_demo_writes_a_prediction_of_the_shipped_capture_and_warns_of_nothing(tmp_path, capsys):
     if not demo.CAPTURE.is_file():
         pytest.skip("this checkout has no demo capture")
     save_weights(tmp_path / "tiny.safetensors", tiny_network(), {})
@@ -20,7 +21,9 @@ def test_the_demo_writes_a_prediction_of_the_shipped_capture(tmp_path, capsys):
     assert main(["demo", "--out", str(out), "--weights", str(tmp_path / "tiny.safetensors"), "--threads", "1"]) == 0
     assert json.loads((out / "result.json").read_text())["frame_id"] == "world"
     assert (out / "picture.png").is_file()
-    assert "icgnet view" in capsys.readouterr().out
+    captured = capsys.readouterr()
+    assert "icgnet view" in captured.out
+    assert captured.err == ""
 
 
 def test_a_missing_capture_is_named(tmp_path, capsys, monkeypatch):

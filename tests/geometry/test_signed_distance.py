@@ -15,6 +15,7 @@ from icgnet.geometry.signed_distance import (
     choose_pitch,
     wall_thickness,
 )
+from icgnet.geometry.transforms import make_transform, quaternion_to_matrix, transform_points
 
 HALF = np.array([0.02, 0.03, 0.025])
 
@@ -232,6 +233,13 @@ def test_far_away_the_distance_is_a_positive_lower_bound(grids):
     assert (distance >= PADDING).all()
     assert (distance <= expected + 1e-4).all()
     assert (distance >= 0.7 * expected).all()
+
+
+def test_one_grid_serves_all_scales_and_places(grids):
+    T_world_object = make_transform(quaternion_to_matrix(np.array([0.8, 0.0, 0.6, 0.0])), np.array([0.4, -0.2, 0.1]))
+    points = random_points(SHAPES["box"][0], 2000)
+    distance = grids["box"].distance_from(transform_points(T_world_object, 1.5 * points), T_world_object, 1.5)
+    np.testing.assert_allclose(distance, 1.5 * grids["box"].distance(points), atol=1e-9)
 
 
 def test_saved_grid_is_read_back_unchanged(tmp_path: Path, grids):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from icgnet.errors import DataError, InputError
-from icgnet.grasping.gripper import GRIPPERS, Gripper, load_gripper
+from icgnet.grasping.gripper import GRIPPERS, Box, Gripper, load_gripper
 
 franka = load_gripper("franka")
 openings = st.floats(0.0, 0.08)
@@ -227,3 +227,10 @@ def test_unknown_gripper_lists_the_known_ones(source):
     with pytest.raises(DataError, match=r" is neither a file nor one of \['franka'\]") as error:
         load_gripper(source)
     assert len(str(error.value)) < 500
+
+
+def test_a_swept_box_holds_the_box_all_along_its_approach():
+    box = Box((0.01, -0.02, 0.03), (0.02, 0.04, 0.06))
+    lower, upper = box.swept(0.05).corners().values()
+    assert upper == box.corners()["upper"]
+    np.testing.assert_allclose(lower, np.array(box.corners()["lower"]) - [0.0, 0.0, 0.05], atol=1e-12)

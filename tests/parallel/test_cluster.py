@@ -1,14 +1,13 @@
 """The same work on a Ray cluster, started here and small."""
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-import datagen_jobs
 from datagen_jobs import FatalJob, FaultyJob, QuickJob, make
 from icgnet.datagen.config import GenerateConfig, LabelSettings
 from icgnet.datagen.generate import generate
@@ -24,8 +23,8 @@ def cluster() -> Iterator[RayPool]:
     """A local cluster of two processors, which the pools that are made meanwhile join."""
     ray = pytest.importorskip("ray", reason='needs Ray: pip install "icgnet[cluster]"')
     with pytest.MonkeyPatch.context() as patch:
-        # The cluster's processes import the jobs of these tests.
-        patch.setenv("PYTHONPATH", str(Path(datagen_jobs.__file__).parent))
+        # The cluster's processes import the jobs of these tests, and the package from where these tests do.
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
         pool = RayPool(make(QuickJob), "local", 2)
     yield pool
     pool.close()

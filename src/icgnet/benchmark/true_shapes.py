@@ -53,8 +53,8 @@ class TrueShapes:
     def distance(self, index: int, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Signed distance of points to one object [m], negative inside."""
         placed = self.scene.objects[index]
-        local = (points - placed.T_world_object[:3, 3]) @ placed.T_world_object[:3, :3]
-        return placed.scale * self._object_set.signed_distance(placed.name).distance(local / placed.scale)
+        grid = self._object_set.signed_distance(placed.name)
+        return grid.distance_from(points, placed.T_world_object, placed.scale)
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "i n"]:
         """Signed distance of points to every object [m], negative inside."""

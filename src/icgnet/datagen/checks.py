@@ -221,8 +221,7 @@ class _Placed:
 
     def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Signed distance of points in the world frame [m]."""
-        local = (points - self.T_world_object[:3, 3]) @ self.T_world_object[:3, :3]
-        return self._scale * self._grid.distance(local / self._scale)
+        return self._grid.distance_from(points, self.T_world_object, self._scale)
 
 
 def _result(check: str, scenes: Sequence[SceneChecks]) -> CheckResult:

@@ -1,1 +1,1 @@
-"""Transforms, clouds, cameras, planes, meshes and signed-distance grids (numpy only)."""
+"""Transforms, clouds, cameras, planes, rays and signed-distance grids."""

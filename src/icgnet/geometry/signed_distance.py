@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float16, Int
 from scipy import ndimage
 from scipy.spatial import KDTree
 
 from icgnet.files import new_file
+from icgnet.geometry.rays import ray_scene
 
 PITCH = 0.0015
 """Distance between neighbouring nodes [m], of all but thin-walled things."""
@@ -38,7 +37,7 @@ _JITTER = np.array([0.00213, 0.00137])
 class SignedDistanceGrid:
     """Signed distance to a surface, sampled at the nodes of a grid: negative inside, positive outside [m].
 
-    For an object at scale s, ask with `s * grid.distance(points / s)`: one grid serves all scales.
+    One grid serves all scales and places of an object: see `distance_from`.
 
     Attributes:
         origin: position of node (0, 0, 0) in the object frame [m].
@@ -49,6 +48,13 @@ class SignedDistanceGrid:
     origin: Float[np.ndarray, "3"]
     pitch: float
     values: Float16[np.ndarray, "x y z"]
+
+    def distance_from(
+        self, points: Float[np.ndarray, "n 3"], T_world_object: Float[np.ndarray, "4 4"], scale: float
+    ) -> Float[np.ndarray, "n"]:
+        """Returns the signed distance of world points [m] from the object, scaled by a factor and placed."""
+        local = (points - T_world_object[:3, 3]) @ T_world_object[:3, :3]
+        return scale * self.distance(local / scale)
 
     def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Returns the signed distance of points in the object frame [m], trilinear between the nodes.
@@ -132,10 +138,9 @@ def wall_thickness(mesh: trimesh.Trimesh) -> float:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = np.einsum("sc,scd->sd", rng.dirichlet((1.0, 1.0, 1.0), _WALL_SAMPLES), triangles) - 1e-5 * normals
-    scene = EmbreeScene()
-    surface = TriangleMesh(scene, np.asarray(mesh.triangles, np.float32))
-    hits = scene.run(points.astype(np.float32), -normals.astype(np.float32), output=True)
-    del surface  # which the scene does not keep alive
+    hits = ray_scene(np.asarray(mesh.triangles)).run(
+        points.astype(np.float32), -normals.astype(np.float32), output=True
+    )
     return float(np.percentile(np.where(hits["primID"] >= 0, hits["tfar"], np.inf), _THIN_SHARE, method="lower"))
 
 

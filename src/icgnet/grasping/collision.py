@@ -95,7 +95,7 @@ def check_collisions(
     Returns:
         The reason for every grasp. Cheap tests come first, and a grasp is only tested until a reason is found.
     """
-    swept = _drawn_out(gripper, approach)
+    swept = _swept(gripper, approach)
     reason = np.full(len(poses), Reason.FREE, dtype=np.int8)
     reason[hits_table(poses, openings, swept, table_height)] = Reason.TABLE
     if points is not None:
@@ -289,16 +289,10 @@ def _inner_points(box: Box, spacing: float) -> Float[np.ndarray, "n 3"]:
     return np.array(box.centre) + lattice * np.array(box.size)
 
 
-def _drawn_out(gripper: Gripper, approach: float) -> Gripper:
-    """The gripper with every box drawn out by `approach` [m] against the approach direction."""
-
-    def draw(box: Box) -> Box:
-        (x, y, z), (length, depth, height) = box.centre, box.size
-        return Box((x, y, z - approach / 2), (length, depth, height + approach))
-
-    return replace(
-        gripper, palm=tuple(draw(box) for box in gripper.palm), finger=tuple(draw(box) for box in gripper.finger)
-    )
+def _swept(gripper: Gripper, approach: float) -> Gripper:
+    """The gripper whose boxes cover a straight approach over this distance [m]."""
+    palm, finger = (tuple(box.swept(approach) for box in boxes) for boxes in (gripper.palm, gripper.finger))
+    return replace(gripper, palm=palm, finger=finger)
 
 
 def _batches(grasps: int, points: int) -> list[np.ndarray]:

@@ -56,6 +56,11 @@ class Box:
         lower = [round(centre - size / 2, DIGITS) for centre, size in pairs]
         return {"lower": lower, "upper": [round(centre + size / 2, DIGITS) for centre, size in pairs]}
 
+    def swept(self, approach: float) -> "Box":
+        """What the box covers while it comes in straight along the approach axis, over this distance [m]."""
+        (x, y, z), (length, depth, height) = self.centre, self.size
+        return Box((x, y, z - approach / 2), (length, depth, height + approach))
+
     def mirrored(self) -> "Box":
         """The box turned by 180 degrees about the approach axis."""
         return Box((-self.centre[0], -self.centre[1], self.centre[2]), self.size)

@@ -22,7 +22,7 @@ PARKED = 5.0  # height of hands that are not in use [m]
 class ApproachChecker:
     """Fixed objects, the table, and several swept hands that are checked in one collision pass.
 
-    Differs: design 6 asks for several poses along the approach; the swept boxes check all of them, without gaps.
+    Every box stands for all that it sweeps on its way in, so one pass checks the whole approach, without gaps.
     """
 
     def __init__(self, bodies: Sequence[Body], gripper: Gripper, physics: Physics, hands: int = 12) -> None:

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Int
 
 from icgnet.geometry.camera import check_intrinsics, pixel_rays
+from icgnet.geometry.rays import ray_scene
 from icgnet.geometry.transforms import check_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
 
@@ -49,10 +48,7 @@ class SceneRenderer:
         self._owners = np.asarray(owners, np.int64)
         self._table_height = table_height
         self._corners = triangles.reshape(-1, 3).astype(np.float64)
-        self._scene = EmbreeScene()
-        if len(triangles):
-            # The scene does not keep its mesh alive.
-            self._mesh = TriangleMesh(self._scene, triangles)
+        self._scene = ray_scene(triangles)
 
     def render(
         self, intrinsics: Float[np.ndarray, "3 3"], shape: tuple[int, int], T_world_camera: Float[np.ndarray, "4 4"]

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Int
 
+from icgnet.geometry.rays import ray_scene
 from icgnet.geometry.workspace import TABLE_HEIGHT
 
 STEEP = 0.5  # |n_z| below which a surface counts as a wall
@@ -89,9 +88,7 @@ class _Surface:
         length = np.linalg.norm(cross, axis=1)
         self._area_sums = np.cumsum(length)
         self._normals = cross / np.maximum(length, 1e-12)[:, None]
-        # embreex keeps no reference to the scene's mesh, so it lives as long as this object.
-        self._scene = EmbreeScene()
-        self._mesh = TriangleMesh(self._scene, self._triangles.astype(np.float32))
+        self._scene = ray_scene(self._triangles)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Points uniform on the surface [m] and the normals there."""

@@ -80,21 +80,16 @@ def add_swept_hand(spec: mujoco.MjSpec, gripper: Gripper, name: str, approach: f
     hand = spec.worldbody.add_body(name=name)
     hand.add_freejoint()
     for box in gripper.palm:
-        _add_box(hand, _swept(box, approach), PALM_MASS, SWEPT_MASK)
+        _add_box(hand, box.swept(approach), PALM_MASS, SWEPT_MASK)
     for side, sign in SIDES:
         finger = hand.add_body(name=f"{name}_{side}")
         finger.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, sign, 0.0])
         for box in gripper.finger:
-            _add_box(finger, _swept(box if sign > 0 else box.mirrored(), approach), FINGER_MASS, SWEPT_MASK)
+            _add_box(finger, (box if sign > 0 else box.mirrored()).swept(approach), FINGER_MASS, SWEPT_MASK)
 
 
 # Swept hands see objects and table (whose masks stay 1 and 1), but not each other.
 SWEPT_MASK: dict[str, object] = {"contype": 1, "conaffinity": 0}
-
-
-def _swept(box: Box, approach: float) -> Box:
-    x, y, z = box.centre
-    return Box((x, y, z - approach / 2), (box.size[0], box.size[1], box.size[2] + approach))
 
 
 def _add_box(body, box: Box, mass: float, settings: dict[str, object], priority: int = 0) -> None:

@@ -9,15 +9,16 @@ from icgnet.geometry.transforms import make_transform, transform_points
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.model import ObjectModel
+from icgnet.simulation.approach import APPROACH_LENGTH
 from icgnet.simulation.config import Physics
 from icgnet.simulation.motion import line_at_constant_speed, steps_in
 from icgnet.simulation.physics import Body
+from icgnet.simulation.trials import LIFT
+from icgnet.simulation.workcell import APPROACH_TIME, CLOSE_TIME, LIFT_TIME
 from icgnet.simulation.world import World
 
 TIP_DEPTH = 0.03  # the finger tips go this far below the object's top [m]
 TIP_CLEARANCE = 0.003  # ... but stay this far above the table [m]
-APPROACH, LIFT = 0.05, 0.10  # lengths of both movements [m]
-APPROACH_TIME, CLOSE_TIME, LIFT_TIME = 0.31, 0.5, 0.61  # of the published benchmark [s]
 REST_TIME = 0.5  # before the grasp and after the lift [s]
 
 
@@ -58,7 +59,7 @@ def hold_from_above(
     _wait(world, REST_TIME)
     tips = _tip_position(world, model, scale)
     rotation = _closing_along(int(np.argmin((upper - lower)[:2])))
-    start = tips + [0.0, 0.0, APPROACH]
+    start = tips + [0.0, 0.0, APPROACH_LENGTH]
     world.hand.place(make_transform(rotation, start), gripper.max_opening)
     _move(world, start, tips, APPROACH_TIME)
     world.hand.squeeze(gripper.finger_force)
@@ -89,9 +90,7 @@ def _closing_along(axis: int) -> Float[np.ndarray, "3 3"]:
 
 
 def _move(world: World, start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"], duration: float) -> None:
-    for position in line_at_constant_speed(start, end - start, duration, world.physics):
-        world.hand.move_to(position)
-        world.step()
+    world.follow(line_at_constant_speed(start, end - start, duration, world.physics))
 
 
 def _wait(world: World, duration: float) -> None:

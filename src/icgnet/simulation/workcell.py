@@ -211,9 +211,7 @@ class Workcell:
             line_at_constant_speed(start, retreat, LIFT_TIME, world.physics),
             line_at_constant_speed(start + retreat, up, LIFT_TIME * rest / LIFT, world.physics),
         ]
-        for position in np.concatenate(ways):
-            world.hand.move_to(position)
-            world.step()
+        world.follow(np.concatenate(ways))
         world.step(steps_in(protocol.keep_time, world.physics))
 
     def _lifted(self, touched: tuple[int, ...], risen: Bool[np.ndarray, "o"], target: int) -> tuple[int, ...]:

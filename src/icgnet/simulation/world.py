@@ -118,6 +118,12 @@ class World:
         """Advances time by `count` steps."""
         mujoco.mj_step(self.model, self.data, count)
 
+    def follow(self, positions: Float[np.ndarray, "s 3"]) -> None:
+        """Moves the hand through positions [m], one a step."""
+        for position in positions:
+            self.hand.move_to(position)
+            self.step()
+
     def is_unstable(self) -> bool:
         """Whether the engine has met numbers that are not finite, and started again from the first state."""
         return any(self.data.warning[kind].number > 0 for kind in UNSTABLE)

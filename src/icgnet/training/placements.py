@@ -45,8 +45,7 @@ class Placement:
 
     def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Signed distance of points [m, world frame] from the object's surface [m], below 0 inside."""
-        local = (points - self.T_world_object[:3, 3]) @ self.T_world_object[:3, :3]
-        return self.scale * self.assets.distance.distance(local / self.scale)
+        return self.assets.distance.distance_from(points, self.T_world_object, self.scale)
 
 
 def load_assets(recipes: Sequence[Recipe], object_sets: dict[str, ObjectSet]) -> dict[tuple[str, str], ObjectAssets]:

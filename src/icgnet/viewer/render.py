@@ -7,12 +7,11 @@ averaged, in bands of rows that stay in the cache.
 from dataclasses import dataclass
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import uniform_filter
 
 from icgnet.geometry.camera import pixel_rays
+from icgnet.geometry.rays import ray_scene
 from icgnet.viewer.triangles import Triangles
 from icgnet.viewer.view import Perspective
 
@@ -121,9 +120,7 @@ class _Caster:
         self.normals = triangles.normals.astype(np.float32)
         self.albedo = _decode(triangles.colours.astype(np.float32))
         self.opacity = triangles.opacities.astype(np.float32)
-        self.scene = EmbreeScene()
-        if len(triangles):
-            TriangleMesh(self.scene, self.corners)
+        self.scene = ray_scene(self.corners)
         self.eye = view.T_world_camera[:3, 3].astype(np.float32)
         self.R_world_camera = view.T_world_camera[:3, :3].astype(np.float32)
         self._hang_lamps()
