@@ -490,6 +490,8 @@ EDITS = {
     ),
     "counts of text": lambda folder: edit_result(folder, lambda result: result.update(rejected={"table": "many"})),
     "points of text": lambda folder: edit_arrays(folder, "cloud.npz", points=np.full((5, 3), "x")),
+    "an input of an exabyte": lambda folder: edit_arrays(folder, "cloud.npz", input_shape=np.array([10**8, 10**8])),
+    "a viewpoint nowhere": lambda folder: edit_arrays(folder, "cloud.npz", viewpoint=np.array([np.inf, 0.0, 0.0])),
     "rows beyond the input": lambda folder: edit_arrays(folder, "cloud.npz", input_shape=np.array([2, 2])),
     "fewer scores than grasps": lambda folder: edit_arrays(folder, "grasps.npz", score=np.ones(1)),
     "instances that are not": lambda folder: edit_arrays(folder, "grasps.npz", instance_id=np.full(1, 99)),
@@ -544,3 +546,8 @@ def test_of_too_many_objects_and_windows_the_largest_are_looked_at_and_the_rest_
     assert len(bounded.objects) == 1
     assert bounded.left_out["windows"] > 0
     assert bounded.to_dict()["left_out"] == bounded.left_out
+
+
+def test_a_world_that_is_not_known_cannot_be_named(predictor, depth):
+    with pytest.raises(InputError, match="frame_id 'map' names a world that is not known"):
+        predictor.predict_depth(depth, INTRINSICS, frame_id="map")

@@ -1,5 +1,6 @@
 """Output folders that appear whole or not at all."""
 
+import errno
 import os
 import re
 import shutil
@@ -20,6 +21,8 @@ FRESH, REPLACED = "new", "old"
 """Folders in the scratch folder: the one that is being written, and the earlier one while they change places."""
 SUFFIX = ".unfinished"
 """Scratch folders are called `.NAME.RANDOM` and this."""
+NO_LOCKS = {errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL}
+"""What file systems answer that cannot lock a folder."""
 
 
 def check_replaceable(path: Path, marker: str, overwrite: bool = False) -> None:
@@ -114,7 +117,7 @@ def _clear_remains(path: Path) -> None:
     ours = re.compile(rf"\.{re.escape(path.name)}\.[^.]+{re.escape(SUFFIX)}")
     for scratch in [each for each in path.parent.iterdir() if ours.fullmatch(each.name)]:
         # Alive, or just removed by the one that it belonged to.
-        with suppress(BlockingIOError, FileNotFoundError), _locked(scratch, wait=False):
+        with suppress(OSError), _locked(scratch, wait=False):
             if not path.exists():
                 _bring_back(path, scratch)
             _remove(scratch)
@@ -132,7 +135,12 @@ def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            # Network file systems lock no folders; then nobody is kept out, and nothing is cleared.
+            if error.errno not in NO_LOCKS or not wait:
+                raise
         yield
     finally:
         os.close(handle)

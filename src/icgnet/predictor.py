@@ -144,7 +144,7 @@ class Predictor:
         array = real_array(points, "points", (None, 3), finite=False)
         is_camera = viewpoint is None and height is None
         eye = np.zeros(3) if is_camera else None if viewpoint is None else position(viewpoint, "viewpoint")
-        cloud = PointCloud(check_points(array), eye, CAMERA if is_camera else _check_frame(frame_id))
+        cloud = PointCloud(check_points(array), eye, _frame(frame_id, is_world=not is_camera))
         return self._predict(cloud, not is_camera, height, measured_rows(array), (len(array),), None)
 
     def predict_depth(
@@ -182,6 +182,7 @@ class Predictor:
         image, K = check_depth(depth), check_intrinsics(intrinsics)
         pose = None if camera_pose is None else check_pose(camera_pose, "camera_pose")
         allowed = None if mask is None else truth_array(mask, "mask", image.shape).ravel()
+        frame = _frame(frame_id, is_world=pose is not None)
         if level_table:
             if pose is None or height is None:
                 raise InputError("level_table needs to know where the table is: give camera_pose and table_height")
@@ -196,7 +197,7 @@ class Predictor:
         rows = measured_rows(points)
         cloud = PointCloud(check_points(points), np.zeros(3), CAMERA)
         if pose is not None:
-            cloud = cloud.transformed(pose, _check_frame(frame_id))
+            cloud = cloud.transformed(pose, frame)
         chosen = None if allowed is None else allowed[rows]
         return self._predict(cloud, pose is not None, height, rows, image.shape, chosen)
 
@@ -319,7 +320,13 @@ def _labels(instances: list[Instance], parts: Int[np.ndarray, "i"], count: int) 
     return labels
 
 
-def _check_frame(frame_id: str) -> str:
+def _frame(frame_id: str, is_world: bool) -> str:
+    """The frame that results are in: the world by the name that the caller gives it, or the camera's own."""
     if not isinstance(frame_id, str) or not frame_id.strip():
         raise InputError(f"frame_id must be the name of a frame, got {frame_id!r}")
-    return frame_id
+    if not is_world and frame_id != WORLD:
+        raise InputError(
+            f"frame_id {frame_id!r} names a world that is not known: without a camera pose (of a cloud: a viewpoint or "
+            "table height) results are in the camera's frame"
+        )
+    return frame_id if is_world else CAMERA

@@ -1,5 +1,6 @@
 import json
 import math
+import multiprocessing
 import os
 import shutil
 import signal
@@ -261,3 +262,19 @@ def test_time_budget_counts_the_time_of_all_legs():
     config = TrainingConfig(minutes=10.0)
     assert config.progress(step=10**6, elapsed=300.0) == pytest.approx(0.5)
     assert config.progress(step=0, elapsed=601.0) == 1.0
+
+
+@pytest.mark.slow
+def test_a_signal_to_the_whole_group_leaves_the_workers_to_the_run(train_shapes, tmp_path):
+    config, lines = replace(CONFIG, steps=4, workers=1), []
+
+    def interrupt(line):
+        lines.append(line)
+        if line.startswith("kind train step 1"):
+            for process in (*multiprocessing.active_children(), multiprocessing.current_process()):
+                os.kill(process.pid, signal.SIGTERM)
+
+    with pytest.raises(KeyboardInterrupt):
+        train_shapes(config, tmp_path, report=interrupt)
+    assert lines[-1].startswith("interrupted; the same command goes on from step")
+    assert state_of(tmp_path)["progress"]["step"] >= 1

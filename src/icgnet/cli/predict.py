@@ -1,8 +1,10 @@
 """`icgnet predict`: objects, shapes and grasps from a file."""
 
 import json
+import math
 import sys
 from dataclasses import dataclass, field
+from operator import le
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +18,7 @@ from icgnet.files import write_text
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.network.config import Precision
 from icgnet.output_folder import check_replaceable
+from icgnet.settings import check_range
 
 if TYPE_CHECKING:
     from icgnet.inference.prediction import Prediction
@@ -88,8 +91,15 @@ class Predict:
         out = self.out or (None if self.json else DEFAULT_OUT)
         if out is not None:
             check_replaceable(out, "result.json", self.overwrite)
-        if self.repeat < 1:
-            raise InputError(f"repeat must be at least 1, got {self.repeat}")
+        check_range(self, 1.0, "repeat")
+        check_range(self, 1.0, "threads", most=256.0)
+        check_range(self, 0.0, "seed")
+        if self.table_height is not None and not math.isfinite(self.table_height):
+            raise InputError(f"table_height must be a finite number [m], got {self.table_height}")
+        if self.region is not None and not all(map(le, self.region[:3], self.region[3:])):
+            raise InputError(f"region must have lower <= upper, got {self.region[:3]} and {self.region[3:]}")
+        if self.json not in (None, STDOUT) and not Path(self.json).parent.is_dir():
+            raise InputError(f"cannot write {self.json}: there is no folder {Path(self.json).parent}")
         from icgnet.network.weights_header import check_known
 
         check_known(self.weights, self.gripper, self.object_class)

@@ -14,9 +14,13 @@ from icgnet.datagen.usable_objects import first_of
 from icgnet.errors import DataError
 from icgnet.files import write_json
 from icgnet.grasping.frame import APPROACH_ANGLES
+from icgnet.parallel.lock import LOCK, OWNER
 
 ONLY_TOLD = {"code_version", "object_counts", "left_out", "doubtful"}
 """What the manifest tells its readers, but what does not decide what the rows are, or follows from the rest."""
+
+OURS = {LOCK, OWNER}
+"""What lies in an empty folder that a run holds."""
 
 COMPARED_APART = {"objects", "gripper", "classes"}
 
@@ -53,13 +57,14 @@ def prepare_folder(directory: Path, manifest: Mapping[str, object]) -> None:
     """Gives an empty folder its manifest, or checks that the one that is there asks for the same rows.
 
     Raises:
-        DataError: Parquet files without a manifest, a broken one, or one that asks for other rows: the message says in
+        DataError: other files without a manifest, a broken one, or one that asks for other rows: the message says in
             what they differ.
     """
     path = directory / MANIFEST
     if not path.exists():
-        if any(directory.glob("*.parquet")):
-            raise DataError(f"{directory}: has Parquet files but no {MANIFEST}; give another folder")
+        foreign = sorted(each.name for each in directory.iterdir() if each.name not in OURS)
+        if foreign:
+            raise DataError(f"{directory}: holds other files ({foreign[0]}) and no {MANIFEST}; give another folder")
         write_json(path, manifest)
         return
     differences = _differences(read_manifest(directory), manifest)

@@ -1,1 +1,1 @@
-"""Grasp frame, gripper description, collision, selection and converters (numpy only)."""
+"""Grasp frame, gripper description, collision, selection and converters."""

@@ -206,7 +206,10 @@ def _read_yaml(path: Path) -> Any:
     except OSError as error:
         raise DataError(f"gripper file {path} cannot be read: {error.strerror or error}") from error
     except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:  # what PyYAML raises on broken files
-        raise DataError(f"gripper file {path} is not valid YAML: {_shown(str(error).split(chr(10))[0])}") from error
+        mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        said = problem or str(error).split("\n")[0]
+        raise DataError(f"gripper file {path} is not valid YAML{where}: {_shown(said)}") from error
 
 
 _REPR = Repr()

@@ -33,7 +33,7 @@ MASK_FILE = "mask.png"
 PICTURE_FILE = "picture.png"
 MESH_FOLDER = "meshes"
 LARGEST_SIDE = 10**8
-"""No input has more points, or pixels in a row."""
+"""No input has more points or pixels."""
 
 NO_INSTANCE = -1
 """Instance id of points that belong to no object: the table, noise, things that the network left out."""
@@ -309,10 +309,11 @@ def _assemble(
     _require(isinstance(objects, list), "objects", objects)
     points = real_array(cloud_file["points"], "points", (None, 3))
     shape = tuple(_whole(cloud_file["input_shape"], "input_shape", (None,), 1, LARGEST_SIDE).tolist())
-    _require(len(shape) in (1, 2), "input_shape", shape)
+    _require(len(shape) in (1, 2) and math.prod(shape) <= LARGEST_SIDE, "input_shape", shape)
     rows = _whole(cloud_file["input_row"], "input_row", (len(points),), 0, math.prod(shape) - 1)
     instances = _whole(cloud_file["instance_id"], "instance_id", (len(points),), NO_INSTANCE, len(objects) - 1)
     viewpoint = real_array(cloud_file["viewpoint"], "viewpoint", (3,), finite=False)
+    _require(np.isfinite(viewpoint).all() or np.isnan(viewpoint).all(), "viewpoint", viewpoint.tolist())
     return Prediction(
         objects=tuple(
             _object(folder, entry, number, result["classes"], points[instances == number])

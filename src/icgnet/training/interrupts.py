@@ -33,5 +33,6 @@ class Interrupts:
 
 
 def ignore_interrupts(worker: int) -> None:
-    """For the workers of a data loader: the process that started them decides when they end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """For the workers of a data loader: signals to a whole group reach them, too, but who started them ends them."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)

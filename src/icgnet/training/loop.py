@@ -199,7 +199,7 @@ class Trainer:
         last_step = self.progress.step + leg_steps if leg_steps is not None else None
         with Interrupts() as interrupts:
             self._train(last_step, interrupts)
-        metrics = self._finish(stopped_early=interrupts.noted or self.progress.step == last_step)
+            metrics = self._finish(stopped_early=interrupts.noted or self.progress.step == last_step)
         if interrupts.noted:
             self.report(f"interrupted; the same command goes on from step {self.progress.step}")
             raise KeyboardInterrupt
