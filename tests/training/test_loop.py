@@ -13,7 +13,7 @@ from icgnet.errors import DataError, InputError, TrainingDivergedError
 from icgnet.network.weights import load_weights
 from icgnet.parallel.lock import locked
 from icgnet.training.checkpoint import CHECKPOINT_FILE, WeightAverage, read_checkpoint
-from icgnet.training.config import TRAININGS, Sampling, TrainingConfig
+from icgnet.training.config import TRAININGS, LossWeights, MatchingCosts, Sampling, TrainingConfig
 from icgnet.training.loop import BEST_FILE, FINAL_FILE, METRICS_FILE, Trainer
 from icgnet.viewer.training_curves import read_run
 
@@ -251,6 +251,21 @@ def test_budget_is_steps_or_minutes(budget):
 def test_settings_out_of_range_are_named(wrong, message):
     with pytest.raises(InputError, match=message):
         TrainingConfig(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "message"),
+    [
+        (Sampling, {"tsdf": 1.5}, "tsdf must be at least 0 and at most 1, got 1.5"),
+        (Sampling, {"fewest_voxels": 0}, "fewest_voxels must be at least 1, got 0"),
+        (Sampling, {"translation": -0.1}, "translation must be at least 0, got -0.1"),
+        (LossWeights, {"mask": -1.0}, "mask must be at least 0, got -1"),
+        (MatchingCosts, {"dice": math.nan}, "dice must be at least 0, got nan"),
+    ],
+)
+def test_settings_of_samples_and_losses_out_of_range_are_named(kind, wrong, message):
+    with pytest.raises(InputError, match=message):
+        kind(**wrong)
 
 
 def test_unknown_network_is_an_input_error():

@@ -82,6 +82,9 @@ class LossWeights:
     every_instance: bool = False
     divide_by_terms: bool = False
 
+    def __post_init__(self) -> None:
+        check_range(self, 0.0, *(name for name, value in vars(self).items() if not isinstance(value, bool)))
+
 
 PUBLISHED = LossWeights(
     class_=10.0,
@@ -110,6 +113,9 @@ class MatchingCosts:
     class_probability: float = 2.0
     mask: float = 5.0
     dice: float = 5.0
+
+    def __post_init__(self) -> None:
+        check_range(self, 0.0, "class_probability", "mask", "dice")
 
 
 PUBLISHED_COSTS = MatchingCosts(class_probability=10.0, mask=5.0, dice=2.0)
@@ -162,8 +168,10 @@ class Sampling:
     def __post_init__(self) -> None:
         if self.near_share + self.far_share > 1:
             raise InputError(f"near_share {self.near_share} + far_share {self.far_share} must not exceed 1")
-        if not 0 <= self.tsdf <= 1:
-            raise InputError(f"tsdf is a share of the visits, from 0 to 1, got {self.tsdf}")
+        shares = ("tsdf", "half_resolution", "viewpoint_drop", "near_share", "far_share", "seen_share")
+        check_range(self, 0.0, *shares, most=1.0)
+        check_range(self, 0.0, "table_jitter", "translation", "contact_jitter", "normal_jitter_deg", "contacts")
+        check_range(self, 1.0, "fewest_voxels", "occupancy_points")
 
     def for_validation(self) -> "Sampling":
         """The same without augmentation, with the published views and noise, and with all contacts.
