@@ -267,7 +267,7 @@ def test_instances_and_times_have_sections(page):
     scores = {name: measured(60.0 + index) for index, name in enumerate(names)}
     stages = {"encode": 200.0, "collision": 90.0}
     times = {"median_ms": 300.0, "p10_ms": 250.0, "p90_ms": 400.0, "device": "cpu", "threads": 1}
-    times |= {"stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
+    times |= {"model": {"parameters": 3335958}, "stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
     text = page(
         on_pictures("segmentation", {**scores, "scenes": 100}, scene="pile"),
         on_pictures("latency", times, weights=None, preset="paper", input="cloud"),
@@ -276,12 +276,12 @@ def test_instances_and_times_have_sections(page):
     assert instances[3] == "pile"
     assert [cell.split()[0] for cell in instances[5:]] == ["60.0", "61.0", "62.0", "63.0", "64.0"]
     time = section(text, "Time")
-    assert rows(time, "method")[0][5:] == ["whole", "encode", "collision"]
+    assert rows(time, "method")[0][5:] == ["parameters", "whole", "encode", "collision"]
     own = rows(time, "icgnet")[0]
     assert own[0] == "icgnet, untrained preset paper"
     assert own[3] == "Slow CPU, cpu, 1 thread"
-    assert own[5:] == ["300 (250 to 400)", "200 (200 to 200)", "90 (90 to 90)"]
-    assert rows(time, "ICG-Net")[0][3:6:2] == ["NVIDIA RTX 3080", "138"]
+    assert own[5:] == ["3.3 M", "300 (250 to 400)", "200 (200 to 200)", "90 (90 to 90)"]
+    assert [rows(time, "ICG-Net")[0][index] for index in (3, 5, 6)] == ["NVIDIA RTX 3080", "3.2 M", "138"]
     assert "Clutter" not in text
 
 

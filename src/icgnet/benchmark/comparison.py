@@ -177,21 +177,25 @@ def _times(reports: Sequence[StoredReport]) -> list[str]:
     rows = [
         Row(
             (method_name(report), f"input {report.value('settings', 'input')}", _crowd(report), _hardware(report)),
-            (source([report]), _time(report), *(_stage(report, stage) for stage in stages)),
+            (source([report]), _parameters(report), _time(report), *(_stage(report, stage) for stage in stages)),
             (report,),
         )
         for report in in_order(reports, method_name, pictures)
     ]
     rows += [
-        Row((method, NOTHING, NOTHING, hardware), (who, milliseconds, *[NOTHING] * len(stages)))
-        for method, milliseconds, hardware, who in TIMES
+        Row((method, NOTHING, NOTHING, hardware), (who, parameters, milliseconds, *[NOTHING] * len(stages)))
+        for method, milliseconds, hardware, who, parameters in TIMES
     ]
     meaning = (
         "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
         "source defines it."
     )
-    headers = ("method", "input", "scenes", "hardware", "measured by", "whole", *stages)
+    headers = ("method", "input", "scenes", "hardware", "measured by", "parameters", "whole", *stages)
     return [f"## Time\n\n{meaning}\n\n{table(headers, rows)}"]
+
+
+def _parameters(report: StoredReport) -> str:
+    return f"{report.mapping('model')['parameters'] / 1e6:.1f} M"
 
 
 def _crowd(report: StoredReport) -> str:

@@ -62,4 +62,4 @@ RATES: tuple[PublishedTable, ...] = tuple(map(_table, _FILE["rates"]))
 SHAPES: tuple[tuple[str, ...], ...] = tuple(map(tuple, _FILE["shapes"]))
 """Reconstruction: method, protocol, scenes, packed IoU and Chamfer-L1, pile IoU and Chamfer-L1, who measured."""
 TIMES: tuple[tuple[str, ...], ...] = tuple(map(tuple, _FILE["times"]))
-"""Time of one prediction: method, milliseconds, hardware, who measured."""
+"""Time of one prediction: method, milliseconds, hardware, who measured, parameters of the network."""
