@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from box_objects import predicted as predicted_scene
+from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
@@ -17,10 +18,15 @@ from icgnet.benchmark.segmentation import (
     compare_masks,
     label_overlaps,
     labelling,
+    measure,
     panoptic_quality,
     summarise,
 )
 from icgnet.cli.main import main
+from icgnet.errors import InputError
+from icgnet.network.config import NETWORKS
+from icgnet.network.icgnet import IcgNet
+from icgnet.network.weights import save_weights
 
 
 def labels(**counts: int) -> np.ndarray:
@@ -150,3 +156,10 @@ def test_the_command_prints_tables_and_writes_a_report(tmp_path, capsys):
     assert report["pq"]["mean"] <= min(report["sq"]["mean"], report["rq"]["mean"])
     assert report["settings"]["scene"] == "packed"
     assert len(report["rows"]) == report["scenes"] == 1
+
+
+def test_weights_of_other_classes_are_refused(tmp_path):
+    config = replace(NETWORKS["tiny"], classes=("mug", "box"))
+    save_weights(tmp_path / "two.safetensors", IcgNet(config), {})
+    with pytest.raises(InputError, match="but the weights know mug, box"):
+        measure(PictureConfig(weights=tmp_path / "two.safetensors"))

@@ -159,9 +159,11 @@ def measure(config: PictureConfig) -> SegmentationNumbers:
     """The instances that a network finds in the pictures of a configuration.
 
     Raises:
-        IcgnetError: unusable objects, weights or gripper, or no scene with an object that can be seen.
+        IcgnetError: unusable objects, weights or gripper, weights of other classes, or no scene with an object that can
+            be seen.
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
+    predictor.network.config.check_classes(CLASSES, "the objects of this benchmark")
     return summarise(some(score_masks(predictor, load_pictures(config, predictor.gripper)), config))
 
 
