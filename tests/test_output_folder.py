@@ -149,6 +149,12 @@ def test_a_full_disk_names_the_folder(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_file_that_is_missing_elsewhere_is_not_blamed_on_the_folder(tmp_path):
+    with pytest.raises(FileNotFoundError, match="input"), output_folder(tmp_path / "a" / "out", MARKER):
+        (tmp_path / "input").read_text()
+    assert list((tmp_path / "a").iterdir()) == []
+
+
 def test_many_that_write_at_once_all_succeed_and_leave_one_whole_folder(tmp_path):
     def save(name):
         for _ in range(10):

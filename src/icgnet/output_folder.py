@@ -75,10 +75,19 @@ def output_folder(path: Path, marker: str, overwrite: bool = False) -> Iterator[
                 check_replaceable(path, marker, overwrite)
                 _change_places(path, scratch)
     except OSError as error:
+        if _is_about_another_file(error, path):
+            raise
         raise cannot_write(path, error) from error
     finally:
         if scratch is not None:
             _remove(scratch)
+
+
+def _is_about_another_file(error: OSError, path: Path) -> bool:
+    """Whether what the system refused inside of the block has nothing to do with the folder that is written."""
+    return isinstance(error.filename, str | Path) and not Path(error.filename).absolute().is_relative_to(
+        path.absolute().parent
+    )
 
 
 def _change_places(path: Path, scratch: Path) -> None:

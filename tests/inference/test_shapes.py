@@ -206,6 +206,13 @@ def test_unseen_sides_are_tried_only_when_the_seen_ones_give_too_few_good_grasps
     assert (rejected["unchecked"] > 48 * 12) == resampled
 
 
+def test_no_more_candidates_are_checked_than_asked_for(shapes, tabletop):
+    many = Grasps.concatenate([from_above(0, np.array([0.0, -1.0, 0.0]))] * 120)
+    kept, rejected = keep_free(many, shapes, tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70))
+    assert len(kept) == 70
+    assert rejected["unchecked"] == 50
+
+
 def test_contacts_join_in_order():
     one = GraspContacts(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, dtype=np.int64))
     both = GraspContacts.concatenate([one, GraspContacts(np.ones((1, 3)), np.ones((1, 3)), np.ones(1, dtype=np.int64))])

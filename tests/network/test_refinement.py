@@ -5,7 +5,7 @@ from icgnet.network.config import NETWORKS
 from icgnet.network.layers import Attention
 from icgnet.network.refinement import (
     AffordanceRefinement,
-    ClassHead,
+    MaskClassHead,
     MaskScene,
     attention_blocks,
     ball_logits,
@@ -83,13 +83,12 @@ def test_extents_do_not_change_when_the_object_turns_or_moves_on_the_table():
 
 def test_the_class_depends_on_what_the_mask_covers_and_no_gradient_reaches_the_mask():
     torch.manual_seed(0)
-    head = ClassHead(NETWORKS["tiny"])
+    head = MaskClassHead(NETWORKS["tiny"])
     torch.nn.init.normal_(head.end[1].weight)
     widths = token_widths(NETWORKS["tiny"])
     none, rows = torch.zeros(6, 3), torch.arange(6)
     levels = tuple(Tokens(torch.rand(6, 3), torch.randn(6, width), 0.003, rows, none) for width in widths)
-    looked_at = head.look(levels[-1].features)
-    scene = MaskScene(none, position_moments(levels[-1].positions), none, head.describe(levels), looked_at)
+    scene = MaskScene(none, position_moments(levels[-1].positions), none, head.describe(levels), head.look_at(levels))
     queries = torch.randn(1, 8)
     masks = torch.tensor([[9.0, 9.0, 9.0, -9.0, -9.0, -9.0]]).T.requires_grad_()
     first, second = head(queries, masks, scene), head(queries, -masks, scene)
@@ -101,7 +100,7 @@ def test_seeded_mask_is_a_ball_around_the_seed_that_the_query_moves_and_sizes():
     seed = torch.tensor([[0.1, 0.1, 0.1]])
     offsets = torch.tensor([0.0, 0.03 * 2**0.5, 0.10])
     positions = seed + torch.stack([offsets, torch.zeros(3), torch.zeros(3)], 1)
-    scene = MaskScene(torch.zeros(3, 4), position_moments(positions), seed, None, None)
+    scene = MaskScene(torch.zeros(3, 4), position_moments(positions), seed, *[torch.zeros(3, 0)] * 2)
     logits = ball_logits(torch.zeros(1, 4), scene)[:, 0]
     torch.testing.assert_close(logits[:2], torch.tensor([1.0, 0.0]), atol=1e-5, rtol=0)
     assert logits[2] < -4

@@ -139,6 +139,20 @@ def test_an_interrupted_run_writes_a_checkpoint_and_goes_on(train_shapes, tmp_pa
     assert state_of(tmp_path)["progress"]["finished"]
 
 
+def test_a_signal_during_the_last_validation_changes_nothing(train_shapes, tmp_path, monkeypatch):
+    def interrupted(network, samples, matching):
+        os.kill(os.getpid(), signal.SIGTERM)
+        return {"score": 1.0}
+
+    monkeypatch.setattr("icgnet.training.loop.evaluate", interrupted)
+    monkeypatch.setattr("icgnet.training.loop.selection_score", lambda metrics: metrics["score"])
+    lines = []
+    metrics = train_shapes(replace(CONFIG, steps=1), tmp_path, report=lines.append)
+    assert metrics == {"score": 1.0}
+    assert not any("interrupted" in line for line in lines)
+    assert state_of(tmp_path)["progress"]["finished"]
+
+
 def test_two_runs_into_one_folder_are_one_clear_error(train_shapes, tmp_path):
     with locked(tmp_path), pytest.raises(DataError, match=r"process \d+ on .* is writing into this folder"):
         train_shapes(CONFIG, tmp_path)

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from icgnet.viewer.palette import instance_colour
-from icgnet.viewer.render import Table, render
+from icgnet.viewer.render import TableSurface, render
 from icgnet.viewer.triangles import Triangles, disc_triangles, join, mesh_triangles
 from icgnet.viewer.view import Perspective, framing_view
 
@@ -52,7 +52,7 @@ def test_nothing_is_left_of_the_paper_without_triangles():
 
 def test_a_table_is_nearly_white_and_fades_into_the_paper():
     view = framing_view(np.array([[0.0, 0.0, 0.0], [0.3, 0.3, 0.1]]), *FROM_THE_SIDE, SHAPE)
-    image = render(join([]), Table(0.05, (0.15, 0.15), 0.15), view, SHAPE)
+    image = render(join([]), TableSurface(0.05, (0.15, 0.15), 0.15), view, SHAPE)
     assert image.min() > 220
     assert (image < 255).any()
     assert (image[[0, -1]] == 255).all()
@@ -61,7 +61,7 @@ def test_a_table_is_nearly_white_and_fades_into_the_paper():
 def test_an_object_throws_a_shadow_on_the_table():
     drawn = mesh_triangles(ball(0.15, 0.15, 0.12), BLUE)
     view = framing_view(np.array([[0.0, 0.0, 0.05], [0.3, 0.3, 0.2]]), *FROM_THE_SIDE, SHAPE)
-    table = Table(0.05, (0.15, 0.15), 0.4)
+    table = TableSurface(0.05, (0.15, 0.15), 0.4)
     grey = [render(scene, table, view, SHAPE).std(axis=2) < 2 for scene in (join([]), drawn)]
     empty, full = (render(scene, table, view, SHAPE).astype(int) for scene in (join([]), drawn))
     darker = (full.sum(axis=2) < empty.sum(axis=2) - 60) & grey[1]
@@ -71,7 +71,7 @@ def test_an_object_throws_a_shadow_on_the_table():
 def test_what_lies_under_the_table_is_not_seen():
     drawn = mesh_triangles(ball(0.15, 0.15, 0.0), BLUE)
     view = view_of(drawn)
-    image = render(drawn, Table(0.05, (0.15, 0.15), 0.3), view, SHAPE)
+    image = render(drawn, TableSurface(0.05, (0.15, 0.15), 0.3), view, SHAPE)
     assert np.ptp(image.astype(int), axis=2).max() < 5
 
 

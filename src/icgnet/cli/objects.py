@@ -3,7 +3,6 @@
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import tyro
 from rich.console import Console
@@ -11,6 +10,7 @@ from rich.table import Table
 
 from icgnet.cli.notices import print_notice
 from icgnet.errors import DataError
+from icgnet.objects.kinds import Units
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class CheckObjects:
 
     directory: tyro.conf.Positional[Path]
     """Folder of URDFs (VGN layout) or meshes."""
-    units: Literal["m", "mm"] | None = None
+    units: Units | None = None
     """Units of a folder of meshes whose objects.yaml does not name them."""
 
     def run(self) -> None:

@@ -211,7 +211,7 @@ def keep_free(
         # Those of an object that has enough are left, without having been looked at; the highest one may be any.
         has_enough = (found >= search.per_object) & (search.select == "best")
         wanted = ~checked & ~has_enough[grasps.instances]
-        batch = np.flatnonzero(wanted)[:at_once]
+        batch = np.flatnonzero(wanted)[: min(at_once, search.max_checked - checked.sum())]
         if len(batch) == 0:
             break
         collisions = check_collisions(

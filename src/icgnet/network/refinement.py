@@ -56,11 +56,10 @@ class MaskScene:
     """Positions and their products, see `position_moments`; sums of them under a mask tell its place and extent."""
     seeds: Float[Tensor, "q 3"]
     """Where the queries were seeded [m, workspace frame]."""
-    described: Float[Tensor, "v d"] | None
-    """What the class head averages under a mask: features of the finest tokens, and projected ones of the coarse
-    tokens around; None for a class that is read from the query alone."""
-    looked_at: Float[Tensor, "v e"] | None
-    """What it reads at single voxels: projected features of the finest tokens."""
+    described: Float[Tensor, "v d"]
+    """What the class head averages under a mask, see `ClassHead.describe`."""
+    looked_at: Float[Tensor, "v e"]
+    """What it reads at single voxels, see `ClassHead.look_at`."""
 
 
 MOMENT_ORIGIN = (0.15, 0.15, TABLE_HEIGHT)
@@ -75,11 +74,7 @@ def position_moments(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "v 11"]:
 
 
 class MaskHead(nn.Module):
-    """Mask logits: dot product of an embedding of the query with a projection of the finest tokens.
-
-    Differs with `seeded_masks`: the tokens' positional encoding is projected, too, and a ball around the seed, moved
-    and sized by the query, is added. Features alone cannot tell two alike objects apart before much training.
-    """
+    """Mask logits: dot product of an embedding of the query with a projection of the finest tokens."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -87,22 +82,35 @@ class MaskHead(nn.Module):
         self.project = nn.Linear(token_widths(config)[-1], width)
         self.norm = nn.LayerNorm(width)
         self.embed = nn.Sequential(*(ResidualBlock(width, width) for _ in range(3)), nn.Linear(width, width))
-        self.place = nn.Linear(width, width, bias=False) if config.seeded_masks else None
-        self.ball = nn.Linear(width, 4) if config.seeded_masks else None
-        if self.ball is not None:
-            nn.init.zeros_(self.ball.weight)
-            nn.init.zeros_(self.ball.bias)
 
     def project_tokens(self, tokens: Tokens, places: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
         """What the queries' embeddings are multiplied with, from the finest tokens and their positional encoding."""
-        features = self.project(tokens.features)
-        return features if self.place is None else features + self.place(places)
+        return self.project(tokens.features)
 
     def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
         """Logits of the masks of the queries."""
-        queries = self.norm(queries)
-        logits = scene.features @ self.embed(queries).t()
-        return logits if self.ball is None else logits + ball_logits(self.ball(queries), scene)
+        return scene.features @ self.embed(self.norm(queries)).t()
+
+
+class SeededMaskHead(MaskHead):
+    """Also projects the tokens' positional encoding, and adds a ball around the seed, moved and sized by the query.
+
+    Differs from the paper: features alone cannot tell two alike objects apart before much training.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__(config)
+        self.place = nn.Linear(config.query_width, config.query_width, bias=False)
+        self.ball = nn.Linear(config.query_width, 4)
+        _make_zero(self.ball)
+
+    def project_tokens(self, tokens: Tokens, places: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
+        """What the queries' embeddings are multiplied with, from the finest tokens and their positional encoding."""
+        return super().project_tokens(tokens, places) + self.place(places)
+
+    def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
+        """Logits of the masks of the queries."""
+        return super().forward(queries, scene) + ball_logits(self.ball(self.norm(queries)), scene)
 
 
 def ball_logits(balls: Float[Tensor, "q 4"], scene: MaskScene) -> Float[Tensor, "v q"]:
@@ -122,52 +130,68 @@ def ball_logits(balls: Float[Tensor, "q 4"], scene: MaskScene) -> Float[Tensor, 
 
 
 class ClassHead(nn.Module):
-    """Class logits of the queries.
-
-    Differs with `class_of_mask`: beside the query it reads the mean features of the voxels in its mask, fine ones and
-    those of the coarse tokens around, how large they are together, and, as PointNet does, where some of them lie;
-    gradients do not flow into the mask.
-    """
+    """Class logits of the queries, read from the query alone."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         width = config.query_width
         self.of_query = nn.Sequential(ResidualBlock(width, width), nn.Linear(width, len(config.classes) + 1))
-        self.of_mask = None
-        if config.class_of_mask:
-            coarse, fine = token_widths(config)[: len(CLASS_LEVELS)], token_widths(config)[-1]
-            self.around = nn.ModuleList(nn.Linear(inputs, width, bias=False) for inputs in coarse)
-            self.look = nn.Linear(fine, width)
-            self.points = nn.Sequential(
-                *(nn.Linear(width + 3, 2 * width), nn.ReLU()),
-                *(nn.Linear(2 * width, 2 * width), nn.ReLU()),
-                nn.Linear(2 * width, 2 * width),
-            )
-            inputs = width + fine + EXTENTS + width * len(coarse) + 2 * width
-            self.of_mask = nn.Sequential(nn.Linear(inputs, 2 * width), nn.ReLU(), nn.Linear(2 * width, 2 * width))
-            last = nn.Linear(2 * width, len(config.classes) + 1)
-            nn.init.zeros_(last.weight)
-            nn.init.zeros_(last.bias)
-            self.end = nn.Sequential(nn.ReLU(), last)
 
-    def describe(self, levels: tuple[Tokens, ...]) -> Float[Tensor, "v d"] | None:
+    def describe(self, levels: tuple[Tokens, ...]) -> Float[Tensor, "v d"]:
+        """Features of every voxel to average under a mask, from all tokens of a scene, coarse to fine: here none."""
+        return levels[-1].features[:, :0]
+
+    def look_at(self, levels: tuple[Tokens, ...]) -> Float[Tensor, "v e"]:
+        """Features of every voxel to read one by one, from all tokens of a scene: here none."""
+        return levels[-1].features[:, :0]
+
+    def forward(
+        self, queries: Float[Tensor, "q c"], mask_logits: Float[Tensor, "v q"], scene: MaskScene
+    ) -> Float[Tensor, "q k"]:
+        """Logits of the classes, the last one for "no object"; the masks are those of the queries in the scene."""
+        return self.of_query(queries)
+
+
+class MaskClassHead(ClassHead):
+    """Also reads the mask: mean features of its voxels, how large they are together, and where some of them lie.
+
+    Differs from the paper. The features are fine ones and those of the coarse tokens around; single voxels are read as
+    PointNet does; gradients do not flow into the mask.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__(config)
+        width = config.query_width
+        coarse, fine = token_widths(config)[: len(CLASS_LEVELS)], token_widths(config)[-1]
+        self.around = nn.ModuleList(nn.Linear(inputs, width, bias=False) for inputs in coarse)
+        self.look = nn.Linear(fine, width)
+        self.points = nn.Sequential(
+            *(nn.Linear(width + 3, 2 * width), nn.ReLU()),
+            *(nn.Linear(2 * width, 2 * width), nn.ReLU()),
+            nn.Linear(2 * width, 2 * width),
+        )
+        inputs = width + fine + EXTENTS + width * len(coarse) + 2 * width
+        self.of_mask = nn.Sequential(nn.Linear(inputs, 2 * width), nn.ReLU(), nn.Linear(2 * width, 2 * width))
+        last = nn.Linear(2 * width, len(config.classes) + 1)
+        _make_zero(last)
+        self.end = nn.Sequential(nn.ReLU(), last)
+
+    def describe(self, levels: tuple[Tokens, ...]) -> Float[Tensor, "v d"]:
         """Features of every voxel, fine and of the tokens around, from all tokens of a scene, coarse to fine."""
-        if self.of_mask is None:
-            return None
         around = [
             project(levels[index].features).index_select(0, levels[index].of_voxel)
             for index, project in zip(CLASS_LEVELS, self.around, strict=True)
         ]
         return torch.cat([levels[-1].features, *around], 1)
 
+    def look_at(self, levels: tuple[Tokens, ...]) -> Float[Tensor, "v e"]:
+        """Projected features of every voxel, from all tokens of a scene, coarse to fine."""
+        return self.look(levels[-1].features)
+
     def forward(
         self, queries: Float[Tensor, "q c"], mask_logits: Float[Tensor, "v q"], scene: MaskScene
     ) -> Float[Tensor, "q k"]:
         """Logits of the classes, the last one for "no object"; the masks are those of the queries in the scene."""
-        logits = self.of_query(queries)
-        if self.of_mask is None:
-            return logits
-        assert scene.described is not None
         shares = mask_logits.detach().float().sigmoid().t()
         shares = shares / shares.sum(1, keepdim=True).clamp(min=1e-6)
         features = shares @ scene.described
@@ -175,13 +199,12 @@ class ClassHead(nn.Module):
         moments = shares @ scene.moments
         points = self._points(mask_logits, moments, scene)
         parts = [queries, features[:, :fine], extents(moments), features[:, fine:], points]
-        return logits + self.end(self.of_mask(torch.cat(parts, 1)))
+        return super().forward(queries, mask_logits, scene) + self.end(self.of_mask(torch.cat(parts, 1)))
 
     def _points(
         self, mask_logits: Float[Tensor, "v q"], moments: Float[Tensor, "q m"], scene: MaskScene
     ) -> Float[Tensor, "q c"]:
         """The most of what some voxels of each mask say, which know where they lie in it and above the table."""
-        assert scene.looked_at is not None
         rows = spread_rows(mask_logits.detach() > 0, mask_logits.detach().argmax(0), CLASS_POINTS)
         middle = moments[:, 1:4] * moments.new_tensor([1.0, 1.0, 0.0])
         places = (scene.moments[:, 1:4][rows] - middle[:, None]) / EXTENT_UNIT
@@ -288,11 +311,10 @@ class QueryRefinement(nn.Module):
         self.content_of_seed = None
         if config.seeded_content:
             self.content_of_seed = nn.Linear(token_widths(config)[-1], width)
-            nn.init.zeros_(self.content_of_seed.weight)
-            nn.init.zeros_(self.content_of_seed.bias)
+            _make_zero(self.content_of_seed)
         self.stages = nn.ModuleList(RefinementStage(tokens, config) for tokens in token_widths(config))
-        self.mask_head = MaskHead(config)
-        self.class_head = ClassHead(config)
+        self.mask_head = SeededMaskHead(config) if config.seeded_masks else MaskHead(config)
+        self.class_head = MaskClassHead(config) if config.class_of_mask else ClassHead(config)
         self.affordance = AffordanceRefinement(config)
 
     def forward(
@@ -308,7 +330,7 @@ class QueryRefinement(nn.Module):
             moments=position_moments(finest.positions),
             seeds=positions,
             described=self.class_head.describe(levels),
-            looked_at=self.class_head.look(finest.features) if self.class_head.of_mask is not None else None,
+            looked_at=self.class_head.look_at(levels),
         )
         queries = self.content
         if self.content_of_seed is not None:
@@ -336,3 +358,9 @@ class QueryRefinement(nn.Module):
             class_logits=class_logits,
             affordance_queries=self.affordance(queries, encoded, class_logits) if decoded else None,
         )
+
+
+def _make_zero(layer: nn.Linear) -> None:
+    """Starts a layer that adds to another with nothing to say."""
+    nn.init.zeros_(layer.weight)
+    nn.init.zeros_(layer.bias)

@@ -8,15 +8,12 @@ from copy import copy
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Literal
 
 from icgnet.errors import InputError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.objects.fingerprint import hash_files
-from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split
+from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split, Units
 from icgnet.objects.model import ObjectModel
-
-Units = Literal["m", "mm"]
 
 _GRIDS_IN_MEMORY = 512
 

@@ -12,8 +12,9 @@ import trimesh
 
 from icgnet.errors import DataError, InputError
 from icgnet.files import new_file
-from icgnet.objects.base import FileObjectSet, ObjectSet, Units, cache_directory, doubles
+from icgnet.objects.base import FileObjectSet, ObjectSet, cache_directory, doubles
 from icgnet.objects.fingerprint import hash_texts
+from icgnet.objects.kinds import Units
 from icgnet.objects.mesh_folder import LIST_FILE, object_paths, read_folder_list, read_scaled_mesh
 from icgnet.objects.model import check_size
 from icgnet.objects.urdf import read_urdf_object

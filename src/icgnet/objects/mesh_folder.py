@@ -12,10 +12,10 @@ import yaml
 from jaxtyping import Float
 
 from icgnet.errors import DataError
-from icgnet.objects.base import FileObjectSet, ObjectFile, Units, cache_directory, doubles
+from icgnet.objects.base import FileObjectSet, ObjectFile, cache_directory, doubles
 from icgnet.objects.classes import check_classes
 from icgnet.objects.decomposition import decompose, decomposition_method, decomposition_notices
-from icgnet.objects.kinds import KINDS, Split
+from icgnet.objects.kinds import KINDS, Split, Units
 from icgnet.objects.model import ObjectModel, clean_surface
 from icgnet.objects.urdf import read_mesh, read_urdf_object
 

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Literal
 
 from icgnet.errors import InputError
 from icgnet.objects.base import ObjectSet, cache_directory, check_kind_and_split
-from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split
+from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split, Units
 from icgnet.objects.mesh_folder import MeshFolderObjectSet
 from icgnet.objects.procedural import ProceduralObjectSet
 from icgnet.objects.urdf_set import UrdfObjectSet, is_vgn_layout
@@ -26,7 +25,7 @@ __all__ = [
 ]
 
 
-def load_object_set(source: str | Path, units: Literal["m", "mm"] | None = None) -> ObjectSet:
+def load_object_set(source: str | Path, units: Units | None = None) -> ObjectSet:
     """Returns the object set that `source` names.
 
     Args:

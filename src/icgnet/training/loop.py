@@ -200,7 +200,7 @@ class Trainer:
         with Interrupts() as interrupts:
             self._train(last_step, interrupts)
             metrics = self._finish(stopped_early=interrupts.noted or self.progress.step == last_step)
-        if interrupts.noted:
+        if interrupts.noted and not self.progress.finished:
             self.report(f"interrupted; the same command goes on from step {self.progress.step}")
             raise KeyboardInterrupt
         return metrics

@@ -17,7 +17,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.viewer.annotate import write, write_legend
 from icgnet.viewer.palette import MARK, QUIET_INK, instance_colour, instance_colours
 from icgnet.viewer.picture import LARGEST_CLOUD, PlacedLabel, SceneDrawing, cloud_discs, draw_scene
-from icgnet.viewer.render import Table
+from icgnet.viewer.render import TableSurface
 from icgnet.viewer.section import Cut, CutMesh, draw_section
 from icgnet.viewer.triangles import Triangles, hand_triangles, join, mesh_triangles, whole_hand_triangles
 from icgnet.viewer.view import Perspective, framing_view
@@ -273,11 +273,13 @@ def _turned_view(scene: AttemptScene, turn: float, elevation: float | None) -> P
     return framing_view(points, azimuth, elevation, scene.panel, margin=0.1)
 
 
-def _table(scene: AttemptScene) -> Table:
+def _table(scene: AttemptScene) -> TableSurface:
     corners = np.concatenate([each.mesh.vertices for each in scene.objects])
     lower, upper = corners.min(axis=0), corners.max(axis=0)
     x, y = ((lower + upper) / 2)[:2]
-    return Table(scene.table_height, (float(x), float(y)), 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 0.15)
+    return TableSurface(
+        scene.table_height, (float(x), float(y)), 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 0.15
+    )
 
 
 def _top(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:

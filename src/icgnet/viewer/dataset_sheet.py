@@ -17,7 +17,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.grasping.selection import non_maximum_suppression
 from icgnet.viewer.describe import best_per_object
 from icgnet.viewer.palette import instance_colour, score_colours
-from icgnet.viewer.render import Table, render
+from icgnet.viewer.render import TableSurface, render
 from icgnet.viewer.sheet import colour_depth, colour_ids, draw_sheet
 from icgnet.viewer.triangles import (
     Triangles,
@@ -141,7 +141,7 @@ def chosen_hands(grasps: Grasps) -> Grasps:
 
 
 def _drawn(triangles: Triangles, view: Perspective, panel: tuple[int, int]) -> UInt8[np.ndarray, "_ _ 3"]:
-    table = Table(TABLE_HEIGHT, (SIZE / 2, SIZE / 2), 0.8 * SIZE)
+    table = TableSurface(TABLE_HEIGHT, (SIZE / 2, SIZE / 2), 0.8 * SIZE)
     return render(triangles, table, view, panel)
 
 

@@ -10,7 +10,7 @@ from PIL import Image
 from icgnet.grasping.gripper import Gripper
 from icgnet.viewer.palette import QUIET_INK
 from icgnet.viewer.picture import PlacedLabel, SceneDrawing, draw_scene
-from icgnet.viewer.render import Table
+from icgnet.viewer.render import TableSurface
 from icgnet.viewer.triangles import Colour, Triangles, join, mesh_triangles, whole_hand_triangles
 from icgnet.viewer.view import Perspective, framing_view
 
@@ -54,7 +54,7 @@ def gripper_panels(gripper: Gripper, panel: tuple[int, int] = PANEL) -> dict[str
             SceneDrawing(join([_hand(gripper, DOWN, 0.0, SEE_THROUGH), *axes]), (), view, None), panel
         ),
         f"on a cup of {1e3 * diameter:.0f} mm": draw_scene(
-            SceneDrawing(held, (), _view(held, panel), Table(0.0, (0.0, 0.0), 0.25)), panel
+            SceneDrawing(held, (), _view(held, panel), TableSurface(0.0, (0.0, 0.0), 0.25)), panel
         ),
     }
 

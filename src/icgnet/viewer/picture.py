@@ -17,7 +17,7 @@ from icgnet.inference.prediction import DetectedObject, Prediction
 from icgnet.viewer.annotate import Label, draw_score_scale, mark_pixels, shorten, text_width, write, write_labels
 from icgnet.viewer.describe import SEPARATOR, best_per_object, object_name, object_top, points_on_table, summary
 from icgnet.viewer.palette import QUIET_INK, instance_colour, instance_colours, score_colours
-from icgnet.viewer.render import Table, render
+from icgnet.viewer.render import TableSurface, render
 from icgnet.viewer.triangles import Triangles, disc_triangles, hand_triangles, join, mesh_triangles, moved
 from icgnet.viewer.view import Perspective, framing_view
 
@@ -50,7 +50,7 @@ class SceneDrawing:
     triangles: Triangles
     labels: tuple["PlacedLabel", ...]
     view: Perspective
-    table: Table | None
+    table: TableSurface | None
     marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
 
@@ -173,7 +173,7 @@ def _hands(grasps: Grasps, gripper: Gripper) -> Triangles:
 
 def _framing(
     drawn: Triangles, viewpoint: Float[np.ndarray, "3"] | None, shape: tuple[int, int]
-) -> tuple[Perspective, Table]:
+) -> tuple[Perspective, TableSurface]:
     """A view from the side of the capture that shows everything drawn, and the table under it."""
     points = drawn.corners.reshape(-1, 3)
     if not len(points):
@@ -184,5 +184,5 @@ def _framing(
     if viewpoint is not None and np.linalg.norm(viewpoint[:2] - centre[:2]) > 0.05:
         azimuth = float(np.arctan2(viewpoint[1] - centre[1], viewpoint[0] - centre[0]))
     radius = 0.75 * float(np.linalg.norm(upper[:2] - lower[:2])) + 0.1
-    table = Table(TABLE_HEIGHT, (float(centre[0]), float(centre[1])), radius)
+    table = TableSurface(TABLE_HEIGHT, (float(centre[0]), float(centre[1])), radius)
     return framing_view(points, azimuth, ELEVATION, shape), table

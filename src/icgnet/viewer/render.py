@@ -37,7 +37,7 @@ GRID_WIDTH = 0.0009
 
 
 @dataclass(frozen=True)
-class Table:
+class TableSurface:
     """The table that the triangles stand on: it fades to paper away from `centre`.
 
     Attributes:
@@ -52,7 +52,7 @@ class Table:
 
 
 def render(
-    triangles: Triangles, table: Table | None, view: Perspective, shape: tuple[int, int]
+    triangles: Triangles, table: TableSurface | None, view: Perspective, shape: tuple[int, int]
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The picture of triangles on a table, on white.
 
@@ -138,7 +138,7 @@ class _Caster:
         self.lamp = _unit(self.key + LAMP_SPREAD * offsets).astype(np.float32)
 
     def table(
-        self, table: Table, rays: Float[np.ndarray, "h w 3"], lamps: Int[np.ndarray, "h w"]
+        self, table: TableSurface, rays: Float[np.ndarray, "h w 3"], lamps: Int[np.ndarray, "h w"]
     ) -> Float[np.ndarray, "h w"]:
         """Linear light (grey) of the table and the paper around it, without what stands on it."""
         points = self._meet(table.height, rays)
@@ -227,7 +227,7 @@ class _Caster:
         return self.albedo[hit.triangle] * brightness[:, None], opacity
 
 
-def _strength(points: Float[np.ndarray, "h w 3"], table: Table) -> Float[np.ndarray, "h w"]:
+def _strength(points: Float[np.ndarray, "h w 3"], table: TableSurface) -> Float[np.ndarray, "h w"]:
     """How much of the table is left at its points: 1 near the centre, 0 from the radius on."""
     x, y = points[..., 0] - np.float32(table.centre[0]), points[..., 1] - np.float32(table.centre[1])
     ramp = np.clip(1.25 - (1.25 / table.radius) * np.sqrt(x * x + y * y), 0.0, 1.0)
