@@ -2,14 +2,14 @@
 
 import time
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.arrays import position, real_array, real_number, truth_array
@@ -17,17 +17,20 @@ from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points, measured_rows
 from icgnet.geometry.depth_scale import LARGEST_ERROR, levelled_depth
 from icgnet.geometry.transforms import check_pose
+from icgnet.geometry.workspace import SIZE
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
+from icgnet.inference.background import is_background
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
-from icgnet.inference.instances import Instance, encode_windows, find_instances
+from icgnet.inference.instances import encode_windows, find_instances
+from icgnet.inference.looks import WIDE_SCALE, SceneObject, agree
 from icgnet.inference.parts import group_parts
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.inference.shapes import Shape
 from icgnet.inference.tabletop import Tabletop, find_tabletop
-from icgnet.inference.windows import cover
+from icgnet.inference.windows import Window, cover
 from icgnet.network.config import Precision
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
@@ -219,28 +222,44 @@ class Predictor:
         clock = _Clock()
         tabletop = find_tabletop(cloud, table_height, for_table, is_level, mask)
         points = tabletop.cloud.points
-        windows = cover(points[tabletop.standing], fewest=FEWEST_VOXELS)
+        standing = points[tabletop.standing]
+        windows = cover(standing[standing[:, 2] < SIZE], fewest=FEWEST_VOXELS)
+        is_wide = len(windows) > 1
+        wide_windows: list[Window] = []
+        if self.search.wide_look == "always" or (self.search.wide_look == "auto" and is_wide):
+            wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
         clock.lap("input")
 
         views = encode_windows(self.network, tabletop, windows, self.in_bfloat16)
-        found = find_instances(views, points)
-        instances = found[:MOST_OBJECTS]
-        left_out = {"windows": len(windows) - len(views), "objects": len(found) - len(instances)}
-        shapes = [Shape.around(self.network, item, points[item.rows]) for item in instances]
-        parts = np.arange(len(instances))
-        if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and len(windows) > 1):
-            parts = group_parts([item.rows for item in instances], tabletop.cloud)
+        wide_views = encode_windows(self.network, tabletop, wide_windows, self.in_bfloat16)
+        close, wide = find_instances(views, points), find_instances(wide_views, points)
+        groups = np.arange(len(close))
+        if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and is_wide):
+            groups = group_parts([item.rows for item in close], tabletop.cloud)
+        made_out = agree(close, groups, wide, len(points))
+        # Of a scene whose table is known, everything above it is meant to be an object.
+        found = [
+            item
+            for item in made_out
+            if tabletop.support is None or not is_background(points[item.rows], item.bodies[0].score)
+        ]
+        objects = [_Object.of(self.network, item, points) for item in found[:MOST_OBJECTS]]
+        left_out = {
+            "windows": len(windows) + len(wide_windows) - len(views) - len(wide_views),
+            "objects": len(found) - len(objects),
+            "background": len(made_out) - len(found),
+        }
         clock.lap("encode")
 
-        grasps, rejected = self._search(tabletop, shapes, for_contacts, clock)
+        grasps, rejected = self._search(tabletop, objects, for_contacts, clock)
         result = Prediction(
-            objects=tuple(_detected(number, parts, shapes, tabletop, cloud) for number in np.unique(parts).tolist()),
-            grasps=replace(grasps, instances=parts[grasps.instances]).transformed(tabletop.T_frame_table),
+            objects=tuple(_detected(number, item, tabletop, cloud) for number, item in enumerate(objects)),
+            grasps=grasps.transformed(tabletop.T_frame_table),
             frame_id=cloud.frame_id,
             rejected=rejected,
             timings_ms=clock.laps_ms,
             cloud=cloud,
-            cloud_instances=_labels(instances, parts, len(cloud)),
+            cloud_instances=_labels(objects, len(cloud)),
             T_frame_table=tabletop.T_frame_table,
             gripper=self.gripper,
             classes=self.classes,
@@ -252,17 +271,21 @@ class Predictor:
         return result
 
     def _search(
-        self, tabletop: Tabletop, shapes: list[Shape], rng: np.random.Generator, clock: "_Clock"
+        self, tabletop: Tabletop, objects: list["_Object"], rng: np.random.Generator, clock: "_Clock"
     ) -> tuple[Grasps, dict[str, int]]:
         """Free grasps in the table frame, ranked; from the predicted surfaces too when the seen ones give few."""
-        if not shapes:
+        parts = [part for item in objects for part in item.parts]
+        if not parts:
             return Grasps.empty(), {}
-        contacts = seen_contacts(tabletop, [shape.instance for shape in shapes], self.search.contacts, rng)
+        object_of = np.repeat(np.arange(len(objects)), [len(item.parts) for item in objects])
+        bodies = [item.bodies for item in objects]
+        contacts = seen_contacts(tabletop, [part.instance for part in parts], self.search.contacts, rng)
         rounds, rejected = [], Counter()
         while True:
-            candidates, dropped = score_contacts(self.network, shapes, contacts, self.gripper, self.search)
+            candidates, dropped = score_contacts(self.network, parts, contacts, self.gripper, self.search)
+            candidates = replace(candidates, instances=object_of[candidates.instances])
             clock.lap("grasps")
-            free, hit = keep_free(candidates, shapes, tabletop, self.gripper, self.search)
+            free, hit = keep_free(candidates, bodies, tabletop, self.gripper, self.search)
             clock.lap("collision")
             rounds.append(free)
             rejected.update(dropped)
@@ -271,7 +294,7 @@ class Predictor:
             enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= wanted
             if enough or not self.search.resample or len(rounds) == 2:
                 return ranked(Grasps.concatenate(rounds), self.search.select), dict(rejected)
-            contacts = surface_contacts(shapes[:MOST_RESAMPLED], self.search.contacts, rng)
+            contacts = surface_contacts(parts[:MOST_RESAMPLED], self.search.contacts, rng)
 
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""
@@ -293,30 +316,46 @@ class _Clock:
         self._last = now
 
 
-def _detected(
-    number: int, parts: Int[np.ndarray, "i"], shapes: list[Shape], tabletop: Tabletop, cloud: PointCloud
-) -> DetectedObject:
-    """The object of this number; its score and class are those of its largest part."""
-    own = [shapes[index] for index in np.flatnonzero(parts == number)]
-    largest = max((shape.instance for shape in own), key=lambda item: len(item.rows))
+@dataclass(frozen=True, eq=False)
+class _Object:
+    """An object with its shapes: those that it consists of, and those of the parts that grasps are scored with."""
+
+    found: SceneObject
+    bodies: list[Shape]
+    parts: list[Shape]
+
+    @staticmethod
+    def of(network: IcgNet, found: SceneObject, points: Float[np.ndarray, "n 3"]) -> "_Object":
+        parts = [Shape.around(network, item, points[item.rows]) for item in found.parts]
+        if [part.instance.query for part in parts] == [item.query for item in found.bodies] and all(
+            part.instance.view is item.view for part, item in zip(parts, found.bodies, strict=True)
+        ):
+            return _Object(found, parts, parts)
+        return _Object(found, [Shape.around(network, item, points[item.rows]) for item in found.bodies], parts)
+
+
+def _detected(number: int, item: _Object, tabletop: Tabletop, cloud: PointCloud) -> DetectedObject:
+    """The object of this number; its score and class are those of its largest body."""
+    largest = item.found.bodies[0]
 
     def extract() -> trimesh.Trimesh:
-        return trimesh.util.concatenate([shape.mesh.copy() for shape in own]).apply_transform(tabletop.T_frame_table)
+        meshes = [body.mesh.copy() for body in item.bodies]
+        return trimesh.util.concatenate(meshes).apply_transform(tabletop.T_frame_table)
 
     return DetectedObject(
         instance_id=number,
         score=largest.score,
         class_name=largest.class_name,
         class_score=largest.class_score,
-        points=cloud.points[np.sort(np.concatenate([shape.instance.rows for shape in own]))],
+        points=cloud.points[item.found.rows],
         extract=extract,
     )
 
 
-def _labels(instances: list[Instance], parts: Int[np.ndarray, "i"], count: int) -> Int[np.ndarray, "n"]:
+def _labels(objects: list[_Object], count: int) -> Int[np.ndarray, "n"]:
     labels = np.full(count, NO_INSTANCE, dtype=np.int64)
-    for part, item in zip(parts, instances, strict=True):
-        labels[item.rows] = part
+    for number, item in enumerate(objects):
+        labels[item.found.rows] = number
     return labels
 
 

@@ -41,7 +41,7 @@ class Plane:
 
     def height(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
         """Signed distance of points from the plane [m], positive on the side of the normal."""
-        return points @ self.normal + self.offset
+        return np.asarray(points @ self.normal + self.offset)
 
 
 def fit_table_plane(
@@ -70,7 +70,7 @@ def fit_table_plane(
     sample = points[rng.permutation(len(points))[:SAMPLE]]
     extent = float(np.linalg.norm(np.subtract(*np.percentile(sample, (95, 5), axis=0))))
     tolerance = min(tolerance, RELATIVE_TOLERANCE * extent)
-    plane = _refine(_best_hypothesis(sample, viewpoint, rng, tolerance), points, tolerance)
+    plane = refined_plane(_best_hypothesis(sample, viewpoint, rng, tolerance), points, tolerance)
     share = float(np.mean(np.abs(plane.height(points)) < tolerance))
     if share < minimum_share:
         raise TableNotFoundError(
@@ -143,7 +143,7 @@ def _best_hypothesis(
     return Plane(normals[best], float(offsets[best]))
 
 
-def _refine(plane: Plane, points: Float[np.ndarray, "n 3"], tolerance: float) -> Plane:
+def refined_plane(plane: Plane, points: Float[np.ndarray, "n 3"], tolerance: float) -> Plane:
     """The plane of least squares through its own points, found again until it settles."""
     for _ in range(4):
         inliers = points[np.abs(plane.height(points)) < tolerance]

@@ -188,7 +188,7 @@ def _believed(
 
 
 def keep_free(
-    grasps: Grasps, shapes: Sequence[Shape], tabletop: Tabletop, gripper: Gripper, search: GraspSearch
+    grasps: Grasps, objects: Sequence[Sequence[Shape]], tabletop: Tabletop, gripper: Gripper, search: GraspSearch
 ) -> tuple[Grasps, dict[str, int]]:
     """The best grasps whose hand touches nothing on its way, and how many were dropped for what.
 
@@ -196,14 +196,15 @@ def keep_free(
 
     Args:
         grasps: candidates, table frame, in the order in which they would be tried.
-        shapes: everything on the table that the hand may hit.
+        objects: the shapes of every object on the table; the hand may hit any of them.
         tabletop: the measured points.
         gripper: the hand.
         search: the settings.
     """
     rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
     points, _ = voxel_downsample(tabletop.cloud.points[tabletop.above], POINT_SPACING)
-    found = np.zeros(len(shapes), dtype=np.int64)
+    shapes = [shape for bodies in objects for shape in bodies]
+    found = np.zeros(len(objects), dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
     free: list[Int[np.ndarray, "k"]] = []
     at_once = CHECKS_AT_ONCE if search.most is None else min(CHECKS_AT_ONCE, CHECKS_PER_WANTED * search.most)
@@ -224,7 +225,7 @@ def keep_free(
         )
         checked[batch] = True
         free.append(batch[collisions.free])
-        found += np.bincount(grasps.instances[batch[collisions.free]], minlength=len(shapes))
+        found += np.bincount(grasps.instances[batch[collisions.free]], minlength=len(objects))
         for name in rejected:
             rejected[name] += collisions.counts[name]
     rejected["unchecked"] = int((~checked).sum())

@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.special import expit
 
-from icgnet.geometry.transforms import make_transform
-from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.inference.instances import Instance
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.surface import cells_with, extract_mesh
@@ -22,6 +21,7 @@ SIDE_PADDING = 0.04
 TOP_PADDING = 0.015
 """The same upwards [m]."""
 MESH_PITCH = 0.003
+"""Pitch of the grid in which the surface is looked for; this, the lattice and the paddings in the window's lengths."""
 LEVEL_POINTS = 512
 """About so many of the seen points are asked for the level of the surface."""
 GRID_PITCH = 0.006
@@ -57,9 +57,10 @@ class Shape:
     @staticmethod
     def around(network: IcgNet, instance: Instance, points: Float[np.ndarray, "n 3"]) -> "Shape":
         """The shape of an instance with these points [m]; it reaches down to the table and stays in the window."""
-        origin = instance.view.window.origin
-        lower = np.maximum(points.min(axis=0) - SIDE_PADDING, origin)
-        upper = np.minimum(points.max(axis=0) + np.array([SIDE_PADDING, SIDE_PADDING, TOP_PADDING]), origin + SIZE)
+        window = instance.view.window
+        sideways, upwards = SIDE_PADDING / window.scale, TOP_PADDING / window.scale
+        lower = np.maximum(points.min(axis=0) - sideways, window.origin)
+        upper = np.minimum(points.max(axis=0) + np.array([sideways, sideways, upwards]), window.origin + window.size)
         lower[2] = TABLE_HEIGHT
         return Shape(network, instance, lower, upper, points)
 
@@ -73,7 +74,7 @@ class Shape:
         inside = np.flatnonzero(((points >= self.lower) & (points <= self.upper)).all(axis=1))
         probability = np.zeros(len(points))
         if len(inside):
-            index = (points[inside] - self.lower) / GRID_PITCH
+            index = (points[inside] - self.lower) / self.grid_pitch
             probability[inside] = expit(ndimage.map_coordinates(self._lattice, index.T, order=1, mode="nearest"))
         return probability
 
@@ -83,11 +84,17 @@ class Shape:
 
         It is drawn at `level`, which is 0 unless the network doubts what was seen.
         """
-        level, origin = self.level, self.instance.view.window.origin
-        resolution = int(np.ceil((self.upper - self.lower).max() / MESH_PITCH))
-        box = (self.lower - origin, self.upper - origin)
-        mesh = extract_mesh(lambda points: self._decode(points) - level, *box, resolution, self.seen - origin)
-        return mesh.apply_transform(make_transform(np.eye(3), origin)) if len(mesh.faces) else mesh
+        level, window = self.level, self.instance.view.window
+        lower, upper = window.to_window(self.lower), window.to_window(self.upper)
+        resolution = int(np.ceil(window.scale * (self.upper - self.lower).max() / MESH_PITCH))
+        seen = window.to_window(self.seen)
+        mesh = extract_mesh(lambda points: self._decode(points) - level, lower, upper, resolution, seen)
+        return mesh.apply_transform(window.T_table_window) if len(mesh.faces) else mesh
+
+    @property
+    def grid_pitch(self) -> float:
+        """Pitch of the lattice that collision checking reads [m]."""
+        return GRID_PITCH / self.instance.view.window.scale
 
     @cached_property
     def level(self) -> float:
@@ -125,21 +132,22 @@ class Shape:
     @cached_property
     def _lattice(self) -> Float[np.ndarray, "x y z"]:
         """Logits on a lattice: everywhere at twice the pitch, then at the pitch itself near surface and seen points."""
-        cells = np.maximum(np.ceil((self.upper - self.lower) / (2 * GRID_PITCH)), 1).astype(int)
+        pitch = self.grid_pitch
+        cells = np.maximum(np.ceil((self.upper - self.lower) / (2 * pitch)), 1).astype(int)
         coarse_index = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1)
-        coarse = self.logits((self.lower + 2 * GRID_PITCH * coarse_index).reshape(-1, 3)).reshape(cells + 1)
+        coarse = self.logits((self.lower + 2 * pitch * coarse_index).reshape(-1, 3)).reshape(cells + 1)
         fine_index = np.stack(np.meshgrid(*(np.arange(2 * n + 1) for n in cells), indexing="ij"))
         fine = ndimage.map_coordinates(coarse, fine_index / 2, order=1)
         near = np.argwhere(_near_surface(fine) | self._near_seen(fine.shape))
         # Every other node is one of the coarse lattice, which is known.
         near = near[(near % 2 != 0).any(axis=1)]
         if len(near):
-            fine[tuple(near.T)] = self.logits(self.lower + GRID_PITCH * near)
+            fine[tuple(near.T)] = self.logits(self.lower + pitch * near)
         return fine
 
     def _near_seen(self, nodes: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
         """Nodes of the lattice next to a point that was seen."""
-        around = cells_with(self.seen, self.lower - 0.5 * GRID_PITCH, GRID_PITCH, nodes)
+        around = cells_with(self.seen, self.lower - 0.5 * self.grid_pitch, self.grid_pitch, nodes)
         return ndimage.binary_dilation(around, np.ones((3, 3, 3), dtype=bool))
 
     @torch.no_grad()

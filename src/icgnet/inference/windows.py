@@ -1,4 +1,4 @@
-"""A table that is larger than the workspace cube, seen through several overlapping cubes."""
+"""A table that is larger than the workspace cube, seen through several overlapping cubes, or through larger ones."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from icgnet.errors import InputError
-from icgnet.geometry.workspace import SIZE, contains
+from icgnet.geometry.transforms import make_transform
+from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, contains
 
 STRIDE = SIZE / 2
 """Distance between neighbouring windows [m]: an object of up to this size is seen whole by at least one."""
@@ -16,17 +17,35 @@ MOST_WINDOWS = 100
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A workspace cube somewhere on the table; its axes are those of the table frame.
+    """A cube somewhere on the table, which the network sees as its workspace; its axes are those of the table frame.
 
     Attributes:
-        origin: corner of the cube, table frame [m]; z is 0, since the table is at the same height in all windows.
+        corner: x, y of the lower corner of the cube, table frame [m].
+        scale: lengths in the window by lengths on the table: at 0.5 a cube of 0.6 m is seen, and all things in it at
+            half their size. The table is at the same height in all windows.
     """
 
-    origin: Float[np.ndarray, "3"]
+    corner: Float[np.ndarray, "2"]
+    scale: float = 1.0
+
+    @property
+    def origin(self) -> Float[np.ndarray, "3"]:
+        """What the window takes for its origin, table frame [m]."""
+        return np.array([*self.corner, TABLE_HEIGHT * (1.0 - 1.0 / self.scale)])
+
+    @property
+    def size(self) -> float:
+        """Edge of the cube [m]."""
+        return SIZE / self.scale
+
+    @property
+    def T_table_window(self) -> Float[np.ndarray, "4 4"]:
+        """From the window to the table frame; scales, too."""
+        return make_transform(np.eye(3) / self.scale, self.origin)
 
     def to_window(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
         """Points of the table frame in the window [m]."""
-        return points - self.origin
+        return self.scale * (points - self.origin)
 
     def inside(self, points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "m"]:
         """Indices of the points of the table frame [m] that lie in the cube."""
@@ -35,15 +54,16 @@ class Window:
     @property
     def centre(self) -> Float[np.ndarray, "2"]:
         """Middle of the cube on the table, table frame [m]."""
-        return self.origin[:2] + SIZE / 2
+        return self.corner + self.size / 2
 
 
-def cover(points: Float[np.ndarray, "n 3"], fewest: int = 1) -> list[Window]:
+def cover(points: Float[np.ndarray, "n 3"], fewest: int = 1, scale: float = 1.0) -> list[Window]:
     """Windows that together see all points: one if they fit, else a lattice with half-overlapping cubes.
 
     Args:
         points: what stands on the table, table frame [m].
         fewest: windows whose core (what lies nearer to it than to any other) has fewer points are left out.
+        scale: of the windows.
 
     Raises:
         InputError: the points spread over more than `MOST_WINDOWS` windows.
@@ -51,17 +71,18 @@ def cover(points: Float[np.ndarray, "n 3"], fewest: int = 1) -> list[Window]:
     if len(points) == 0:
         return []
     lower, upper = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    if (lower >= 0).all() and (upper <= SIZE).all():
-        return [Window(np.zeros(3))]
-    counts = np.maximum(np.ceil((upper - lower - SIZE) / STRIDE), 0).astype(int) + 1
+    if scale == 1.0 and (lower >= 0).all() and (upper <= SIZE).all():
+        return [Window(np.zeros(2), scale)]
+    size, stride = SIZE / scale, STRIDE / scale
+    counts = np.maximum(np.ceil((upper - lower - size) / stride), 0).astype(int) + 1
     if counts.prod() > MOST_WINDOWS:
         raise InputError(
             f"what stands on the table spans {upper[0] - lower[0]:.2f} x {upper[1] - lower[1]:.2f} m: "
-            f"more than {MOST_WINDOWS} windows of {SIZE} m; crop the input or give a mask"
+            f"more than {MOST_WINDOWS} windows of {size} m; crop the input or give a mask"
         )
-    first = (lower + upper - SIZE - STRIDE * (counts - 1)) / 2
+    first = (lower + upper - size - stride * (counts - 1)) / 2
     corners = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), -1).reshape(-1, 2)
-    windows = [Window(np.array([*(first + STRIDE * corner), 0.0])) for corner in corners]
+    windows = [Window(first + stride * corner, scale) for corner in corners]
     seen = np.bincount(owners(windows, points), minlength=len(windows))
     return [window for window, count in zip(windows, seen, strict=True) if count >= min(fewest, seen.max())]
 

@@ -1,0 +1,35 @@
+"""Things that are no objects, told by their shape: waves in the depth of a table, walls of bins and edges of tables.
+
+The network has learned from scenes that hold nothing but objects.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.geometry.workspace import TABLE_HEIGHT
+
+DOUBTED, WAVE_HEIGHT = 0.75, 0.02
+"""What the network doubts, by its score, and rises less than this above the table [m], is a wave in its depth."""
+WALL_LENGTH, WALL_WIDTH, WALL_THICKNESS, WALL_HEIGHT = 0.30, 0.20, 0.04, 0.03
+"""What is longer than this, narrower and thinner than these and higher above the table [m] is a wall or an edge."""
+EXTENT_POINTS = 1500
+"""Points at most that extents are measured on."""
+STRAYS = 0.03
+"""Share of the points at each end of an extent that may be strays."""
+
+
+def is_background(points: Float[np.ndarray, "n 3"], score: float) -> bool:
+    """Whether something found on a table is a part of the table or of what encloses it.
+
+    Args:
+        points: what is seen of it, table frame [m].
+        score: how sure the network is that it is an object.
+    """
+    sample = points[:: -(-len(points) // EXTENT_POINTS)]
+    top = float(np.quantile(sample[:, 2], 1.0 - STRAYS)) - TABLE_HEIGHT
+    if score < DOUBTED and top < WAVE_HEIGHT:
+        return True
+    centred = sample - sample.mean(axis=0)
+    along = centred @ np.linalg.eigh(centred.T @ centred)[1]
+    thickness, width, length = np.subtract(*np.quantile(along, (1.0 - STRAYS, STRAYS), axis=0))
+    return bool(length > WALL_LENGTH and width < WALL_WIDTH and thickness < WALL_THICKNESS and top > WALL_HEIGHT)

@@ -1,0 +1,75 @@
+"""Two looks at a scene: as it is, and at half its size, in which large objects are as large as those of the training.
+
+The closer look knows small objects and where to grasp; it splits what is larger than anything that the network was
+trained on. The wider look sees such an object whole; where it is sure, it decides what belongs together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Int
+
+from icgnet.inference.instances import Instance
+
+WIDE_SCALE = 0.5
+"""Scale of the wider look."""
+SURE = 0.9
+"""From this score on an object of the wider look takes the place of what the closer look has there."""
+UNSEEN = 0.7
+"""An object of which this share is in no object of the closer look is taken, however sure."""
+REST = 0.5
+"""What an object of the closer look has left after more than this share was taken is no object any more."""
+FEWEST_POINTS = 10
+"""Parts with fewer points are not looked at for grasps."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """An object of a scene.
+
+    Attributes:
+        rows: its points in the tabletop's cloud.
+        bodies: the instances that name it and give its shape: one of the wider look, or those of the closer look that
+            were joined; the largest comes first.
+        parts: what the closer look has of it; grasps are scored with these.
+    """
+
+    rows: Int[np.ndarray, "n"]
+    bodies: tuple[Instance, ...]
+    parts: tuple[Instance, ...]
+
+
+def agree(
+    close: Sequence[Instance], groups: Int[np.ndarray, "i"], wide: Sequence[Instance], count: int
+) -> list[SceneObject]:
+    """The objects that both looks make out, the one with most points first; no point belongs to two.
+
+    Args:
+        close: instances of the closer look.
+        groups: number of the object that each of them belongs to, see `icgnet.inference.parts`.
+        wide: instances of the wider look; none if there was none.
+        count: points of the tabletop's cloud.
+    """
+    label = np.full(count, -1)
+    for group, item in zip(groups, close, strict=True):
+        label[item.rows] = group
+    first_wide = int(groups.max(initial=-1)) + 1
+    sizes = np.bincount(label[label >= 0], minlength=first_wide)
+    bodies: dict[int, tuple[Instance, ...]] = {
+        int(group): tuple(item for each, item in zip(groups, close, strict=True) if each == group) for group in groups
+    }
+    for number, item in enumerate(sorted(wide, key=lambda each: -each.score), start=first_wide):
+        there = label[item.rows]
+        if item.score < SURE and (there < 0).mean() < UNSEEN:
+            continue
+        taken = np.bincount(there[(there >= 0) & (there < first_wide)], minlength=first_wide)
+        label[item.rows] = number
+        label[np.isin(label, np.flatnonzero((taken > 0) & (taken >= REST * sizes)))] = -1
+        bodies[number] = (item,)
+    found = []
+    for number in np.unique(label[label >= 0]).tolist():
+        own = [(item, item.rows[label[item.rows] == number]) for item in close]
+        parts = tuple(replace(item, rows=rows) for item, rows in own if len(rows) >= FEWEST_POINTS)
+        found.append(SceneObject(np.flatnonzero(label == number), bodies[number], parts))
+    return sorted(found, key=lambda each: -len(each.rows))
