@@ -25,7 +25,7 @@ from icgnet.inference.background import is_background
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode_windows, find_instances
-from icgnet.inference.looks import WIDE_SCALE, SceneObject, agree
+from icgnet.inference.looks import MARGIN, WIDE_SCALE, SceneObject, agree, needs_wide_look
 from icgnet.inference.parts import group_parts
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.inference.shapes import Shape
@@ -224,19 +224,21 @@ class Predictor:
         points = tabletop.cloud.points
         standing = points[tabletop.standing]
         windows = cover(standing[standing[:, 2] < SIZE], fewest=FEWEST_VOXELS)
-        is_wide = len(windows) > 1
-        wide_windows: list[Window] = []
-        if self.search.wide_look == "always" or (self.search.wide_look == "auto" and is_wide):
-            wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
         clock.lap("input")
 
         views = encode_windows(self.network, tabletop, windows, self.in_bfloat16)
-        wide_views = encode_windows(self.network, tabletop, wide_windows, self.in_bfloat16)
-        close, wide = find_instances(views, points), find_instances(wide_views, points)
+        close = find_instances(views, points)
         groups = np.arange(len(close))
-        if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and is_wide):
+        if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and len(windows) > 1):
             groups = group_parts([item.rows for item in close], tabletop.cloud)
-        made_out = agree(close, groups, wide, len(points))
+        wide_windows: list[Window] = []
+        if self.search.wide_look == "always" or (
+            self.search.wide_look == "auto" and needs_wide_look(close, len(windows))
+        ):
+            wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
+        wide_views = encode_windows(self.network, tabletop, wide_windows, self.in_bfloat16)
+        wide = find_instances(wide_views, points)
+        made_out = agree(close, groups, wide, points, margin=MARGIN if len(windows) == 1 else 0.0)
         # Of a scene whose table is known, everything above it is meant to be an object.
         found = [
             item
@@ -278,23 +280,35 @@ class Predictor:
         if not parts:
             return Grasps.empty(), {}
         object_of = np.repeat(np.arange(len(objects)), [len(item.parts) for item in objects])
-        bodies = [item.bodies for item in objects]
+        # The closer look knows surfaces more exactly.
+        obstacles = [item.parts or item.bodies for item in objects]
         contacts = seen_contacts(tabletop, [part.instance for part in parts], self.search.contacts, rng)
         rounds, rejected = [], Counter()
         while True:
             candidates, dropped = score_contacts(self.network, parts, contacts, self.gripper, self.search)
             candidates = replace(candidates, instances=object_of[candidates.instances])
             clock.lap("grasps")
-            free, hit = keep_free(candidates, bodies, tabletop, self.gripper, self.search)
+            free, hit = keep_free(candidates, obstacles, tabletop, self.gripper, self.search)
             clock.lap("collision")
             rounds.append(free)
             rejected.update(dropped)
             rejected.update(hit)
-            wanted = min(self.search.few, self.search.most or self.search.few)
-            enough = sum((each.scores >= self.search.good_score).sum() for each in rounds) >= wanted
-            if enough or not self.search.resample or len(rounds) == 2:
-                return ranked(Grasps.concatenate(rounds), self.search.select), dict(rejected)
-            contacts = surface_contacts(parts[:MOST_RESAMPLED], self.search.contacts, rng)
+            grasps = Grasps.concatenate(rounds)
+            poor = self._with_few_grasps(grasps, len(objects))
+            if not poor.any() or not self.search.resample or len(rounds) == 2:
+                return ranked(grasps, self.search.select), dict(rejected)
+            chosen = np.flatnonzero(poor[object_of])[:MOST_RESAMPLED]
+            contacts = surface_contacts(parts, chosen, self.search.contacts, rng)
+
+    def _with_few_grasps(self, grasps: Grasps, objects: int) -> Bool[np.ndarray, "o"]:
+        """Which objects are worth a look at their unseen sides.
+
+        Those without a grasp or, where only a few grasps are wanted, all of them if there are too few good ones.
+        """
+        if self.search.most is None:
+            return np.bincount(grasps.instances, minlength=objects) == 0
+        good = (grasps.scores >= self.search.good_score).sum()
+        return np.full(objects, good < min(self.search.few, self.search.most))
 
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""

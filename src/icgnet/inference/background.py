@@ -25,11 +25,16 @@ def is_background(points: Float[np.ndarray, "n 3"], score: float) -> bool:
         points: what is seen of it, table frame [m].
         score: how sure the network is that it is an object.
     """
-    sample = points[:: -(-len(points) // EXTENT_POINTS)]
-    top = float(np.quantile(sample[:, 2], 1.0 - STRAYS)) - TABLE_HEIGHT
+    top = float(np.quantile(points[:, 2], 1.0 - STRAYS)) - TABLE_HEIGHT
     if score < DOUBTED and top < WAVE_HEIGHT:
         return True
+    thickness, width, length = extents(points)
+    return bool(length > WALL_LENGTH and width < WALL_WIDTH and thickness < WALL_THICKNESS and top > WALL_HEIGHT)
+
+
+def extents(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+    """Thickness, width and length of points along their principal axes [m], without strays."""
+    sample = points[:: -(-len(points) // EXTENT_POINTS)]
     centred = sample - sample.mean(axis=0)
     along = centred @ np.linalg.eigh(centred.T @ centred)[1]
-    thickness, width, length = np.subtract(*np.quantile(along, (1.0 - STRAYS, STRAYS), axis=0))
-    return bool(length > WALL_LENGTH and width < WALL_WIDTH and thickness < WALL_THICKNESS and top > WALL_HEIGHT)
+    return np.sort(np.subtract(*np.quantile(along, (1.0 - STRAYS, STRAYS), axis=0)))

@@ -84,7 +84,9 @@ def seen_contacts(
     return GraspContacts.concatenate(parts)
 
 
-def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Generator) -> GraspContacts:
+def surface_contacts(
+    shapes: Sequence[Shape], chosen: Int[np.ndarray, "k"], budget: int, rng: np.random.Generator
+) -> GraspContacts:
     """Contacts on the predicted surfaces, also where the camera saw nothing.
 
     Paper: resampling of unobserved points for views from above. Differs: points are drawn evenly from the extracted
@@ -92,8 +94,9 @@ def surface_contacts(shapes: Sequence[Shape], budget: int, rng: np.random.Genera
     """
     none = GraspContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
     parts = [none]
-    for number, shape in enumerate(shapes):
-        share = max(1, budget // sum(other.instance.view is shape.instance.view for other in shapes))
+    for number in chosen.tolist():
+        shape = shapes[number]
+        share = max(1, budget // sum(shapes[other].instance.view is shape.instance.view for other in chosen))
         if len(shape.mesh.faces) == 0:
             continue
         drawn, faces, *_ = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))

@@ -14,7 +14,7 @@ class GraspSearch:
     """Join objects whose common border is smooth; auto does so in scenes of several windows, which cut things."""
     wide_look: Literal["auto", "always", "never"] = "auto"
     """Look at the scene at half its size, too, for objects that are too large to be known whole; auto does so in scenes
-    of several windows."""
+    of several windows, and where the network doubts an object."""
     contacts: int = 512
     """Contact points that are scored for each window of 0.3 m, shared among its objects."""
     min_score: float = 0.1

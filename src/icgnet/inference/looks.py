@@ -8,14 +8,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
+from icgnet.inference.background import extents
 from icgnet.inference.instances import Instance
 
 WIDE_SCALE = 0.5
 """Scale of the wider look."""
 SURE = 0.9
-"""From this score on an object of the wider look takes the place of what the closer look has there."""
+"""From this score on an object of the wider look may take the place of what the closer look has there."""
+LARGE, TRUST_IN_SIZE = 0.12, 0.5
+"""It has to be surer than the objects of the closer look that it joins, or larger than this [m]: a metre more counts as
+so much of the score."""
+MARGIN = 0.1
+"""In scenes that a single window holds it has to be surer by this: small things that touch are one object there, too,
+when they are seen at half their size."""
+PIECE = 0.08
+"""Objects of the closer look with a smaller share of its points are none that it joins."""
 UNSEEN = 0.7
 """An object of which this share is in no object of the closer look is taken, however sure."""
 REST = 0.5
@@ -40,8 +49,17 @@ class SceneObject:
     parts: tuple[Instance, ...]
 
 
+def needs_wide_look(close: Sequence[Instance], windows: int) -> bool:
+    """Whether there may be objects that the closer look does not know whole: in several windows, or doubted ones."""
+    return windows > 1 or any(item.score < SURE for item in close)
+
+
 def agree(
-    close: Sequence[Instance], groups: Int[np.ndarray, "i"], wide: Sequence[Instance], count: int
+    close: Sequence[Instance],
+    groups: Int[np.ndarray, "i"],
+    wide: Sequence[Instance],
+    points: Float[np.ndarray, "n 3"],
+    margin: float = 0.0,
 ) -> list[SceneObject]:
     """The objects that both looks make out, the one with most points first; no point belongs to two.
 
@@ -49,8 +67,10 @@ def agree(
         close: instances of the closer look.
         groups: number of the object that each of them belongs to, see `icgnet.inference.parts`.
         wide: instances of the wider look; none if there was none.
-        count: points of the tabletop's cloud.
+        points: the tabletop's cloud [m].
+        margin: how much surer than what they join those of the wider look have to be.
     """
+    count = len(points)
     label = np.full(count, -1)
     for group, item in zip(groups, close, strict=True):
         label[item.rows] = group
@@ -61,7 +81,7 @@ def agree(
     }
     for number, item in enumerate(sorted(wide, key=lambda each: -each.score), start=first_wide):
         there = label[item.rows]
-        if item.score < SURE and (there < 0).mean() < UNSEEN:
+        if (there < 0).mean() < UNSEEN and not _is_trusted(item, close, points, margin):
             continue
         taken = np.bincount(there[(there >= 0) & (there < first_wide)], minlength=first_wide)
         label[item.rows] = number
@@ -70,6 +90,20 @@ def agree(
     found = []
     for number in np.unique(label[label >= 0]).tolist():
         own = [(item, item.rows[label[item.rows] == number]) for item in close]
-        parts = tuple(replace(item, rows=rows) for item, rows in own if len(rows) >= FEWEST_POINTS)
+        # What sticks out of its window was added from other windows, and is nothing that the query knows.
+        parts = tuple(
+            replace(item, rows=rows) for item, rows in own if np.isin(rows, item.view.rows).sum() >= FEWEST_POINTS
+        )
         found.append(SceneObject(np.flatnonzero(label == number), bodies[number], parts))
     return sorted(found, key=lambda each: -len(each.rows))
+
+
+def _is_trusted(item: Instance, close: Sequence[Instance], points: Float[np.ndarray, "n 3"], margin: float) -> bool:
+    """Whether an object of the wider look is surer than those of the closer look that it joins."""
+    if item.score < SURE:
+        return False
+    shared = np.array([np.isin(item.rows, other.rows, assume_unique=True).sum() for other in close])
+    if (shared > PIECE * len(item.rows)).sum() < 2:
+        return margin == 0.0  # nothing in a single window is cut by its border
+    surety = float(np.average([other.score for other in close], weights=shared))
+    return item.score - surety + TRUST_IN_SIZE * (extents(points[item.rows])[2] - LARGE) >= margin
