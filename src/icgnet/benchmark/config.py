@@ -144,3 +144,22 @@ class LatencyConfig(PictureConfig):
         if self.preset is not None:
             del values["weights"]
         return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class CapturesConfig:
+    """Real frames with labels or clicks, and the network that sees them."""
+
+    folder: Path
+    """Searched for frames, also in the folders inside of it; docs/guides/real_captures.md has the formats."""
+    weights: Path | None = None
+    """Weights file; the one that ships with the package if not given."""
+    threads: int = 2
+    """CPU threads of the network."""
+
+    def __post_init__(self) -> None:
+        check_range(self, 1.0, "threads")
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        return f"{self.folder}, {self.weights or 'the weights of the package'}, {self.threads} threads"
