@@ -346,11 +346,10 @@ def false_objects(frame: LabelledFrame, found: Int[np.ndarray, "h w"], table: In
     With label images: less than half of their pixels are on objects. With clicks: no object's click is on them; where
     objects may lack clicks, only if one on the support or background is.
     """
-    if frame.labels is not None:
-        on_objects = table[:, 1:].sum(axis=0)
-        return int((2 * on_objects < np.bincount(found.ravel(), minlength=table.shape[1])[1:]).sum())
-    assert frame.clicks is not None
-    is_false = table[:, 1:].sum(axis=0) == 0
+    sizes, on_objects = np.bincount(found.ravel(), minlength=table.shape[1])[1:], table[:, 1:].sum(axis=0)
+    if frame.clicks is None:
+        return int((2 * on_objects < sizes).sum())
+    is_false = (sizes > 0) & (on_objects == 0)
     if frame.clicks.uncertain:
         u, v = np.concatenate([frame.clicks.support, frame.clicks.background]).T
         is_false &= np.bincount(found[v, u], minlength=table.shape[1])[1:] > 0
@@ -448,7 +447,7 @@ def summarise(rows: Sequence[FrameScores]) -> CaptureNumbers:
 def _numbers(rows: Sequence[FrameScores]) -> GroupNumbers:
     overlaps = [row.overlap for row in rows if row.overlap is not None]
 
-    def share(parts: Sequence[tuple[float, float]], unit: float = 100.0) -> Spread | None:
+    def share(parts: Sequence[tuple[int | float, int]], unit: float = 100.0) -> Spread | None:
         """A sum over the frames divided by another one."""
         return spread(
             parts, lambda some: unit * sum(a for a, _ in some) / of if (of := sum(b for _, b in some)) else None
@@ -494,8 +493,8 @@ OBJECTS = {
 SUPPORT = {"right, percent": "support_right", "angle, degrees": "support_angle_deg", "height, mm": "support_height_mm"}
 OVERLAP_TITLE = "overlap with label images, percent, and 95 % interval"
 CROPPED = (
-    "published values are of all frames of OSD as recorded; the version of Alexandrov is not the same: floor, walls and "
-    "far things are cut away there"
+    "published values are of all frames of OSD as recorded; the version of Alexandrov is another one: floor, walls and "
+    "far things are cut away"
 )
 
 
