@@ -157,10 +157,10 @@ def test_a_right_prediction_is_right_in_everything(with_clicks):
         assert (scores.classes, scores.grasped) == ((True, True, True), (True, True))
 
 
-def test_classes_of_whole_objects_count_and_unknown_ones_are_named():
+def test_given_classes_of_whole_objects_count_and_unknown_ones_are_named():
     marked = clicks(("box", "bowl", None))
     scores = score(frame(marked), answer(PERFECT, ("can", "box", "box")), CLASSES)
-    assert (scores.classes, scores.unknown_classes) == ((False,), ("bowl",))
+    assert (scores.classes, scores.unknown_classes) == ((False, False), ("bowl",))
     numbers = summarise([scores])
     assert (numbers.groups[EVERY].class_accuracy.mean, numbers.unknown_classes) == (0.0, {"bowl": 1})
     assert "bowl (1)" in " ".join(tables(numbers)[0].notes)

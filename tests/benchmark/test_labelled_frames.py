@@ -1,6 +1,10 @@
 """Frames as users keep them: what is read, and what is said when something is wrong."""
 
 import json
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -152,3 +156,46 @@ def test_folders_without_frames_are_errors(tmp_path):
         DataError, match=r"no frame here or in the folders inside: a frame is NAME_depth\.png or NAME\.npz"
     ):
         find_frames(tmp_path)
+
+
+GUIDE = Path(__file__).parents[2] / "docs" / "guides" / "real_captures.md"
+
+
+def run_script_of_guide(number: int, monkeypatch, *arguments: str) -> None:
+    script = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(), re.S | re.M)[number]
+    monkeypatch.setattr(sys, "argv", ["script", *arguments])
+    exec(compile(script, f"script {number} of {GUIDE.name}", "exec"), {})
+
+
+def test_the_guide_turns_polygons_into_labels(folder, monkeypatch):
+    (folder / "seen_labels.png").unlink()
+    outline = {"label": "mug", "points": [[10.2, 20.0], [40, 20], [40, 50], [10, 50]]}
+    other = {"label": "box", "points": [[100, 80], [120, 80], [120, 100]]}
+    drawn = {"imageWidth": 160, "imageHeight": 120, "shapes": [outline, other]}
+    (folder / "seen_color.json").write_text(json.dumps(drawn))
+    run_script_of_guide(1, monkeypatch, str(folder / "seen_color.json"))
+    labels = read(folder)["seen"].labels
+    assert (labels[30, 20], labels[85, 115], labels[0, 0]) == (2, 1, 0)
+
+
+def test_the_guide_asks_for_clicks(folder, monkeypatch):
+    (folder / "seen_labels.png").unlink()
+    clicks = iter([[(20.4, 30.6), (21, 31)], [(50, 60)], [], [(1, 2)], []])
+    answers = iter(["mug", "y", "box", "n"])
+    figure = SimpleNamespace(clf=lambda: None, imshow=lambda *_, **__: None, title=lambda _: None)
+    figure.ginput = lambda **_: next(clicks)
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", figure)
+    monkeypatch.setattr("matplotlib.pyplot", figure, raising=False)
+    monkeypatch.setattr("builtins.input", lambda _: next(answers))
+    run_script_of_guide(0, monkeypatch, str(folder / "seen_depth.png"))
+    marked = read(folder)["seen"].clicks
+    assert [(item.class_name, item.graspable) for item in marked.objects] == [("mug", True), ("box", False)]
+    np.testing.assert_array_equal(marked.objects[0].clicks, [[20, 31], [21, 31]])
+    assert marked.support.tolist() == [[1, 2]]
+
+
+def test_the_clicks_of_the_guide_are_clicks(clicked):
+    example = re.findall(r"^```json\n(.*?)^```", GUIDE.read_text(), re.S | re.M)[0]
+    (clicked / "touched_clicks.json").write_text(example)
+    np.savez(clicked / "touched.npz", depth=np.ones((480, 640)), K=INTRINSICS)
+    assert [item.class_name for item in read(clicked)["touched"].clicks.objects] == ["mug", "box"]

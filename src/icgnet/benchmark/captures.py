@@ -91,7 +91,7 @@ class FrameScores:
         overlap: of frames with label images.
         kinds: what became of each labelled or clicked object, one of `KINDS`.
         false: number of predicted objects that are none.
-        classes: of whole objects with a class that the weights know: whether it was told.
+        classes: of whole objects whose class is given: whether it was told; one that the weights do not know never is.
         unknown_classes: of clicked objects, which the weights do not know.
         grasped: of graspable objects: whether there is a grasp.
         support: where the true one is known.
@@ -154,7 +154,7 @@ class GroupNumbers:
         merged: that share their label.
         missed: that hardly any label carries.
         false: number of predicted objects a frame that are none.
-        class_accuracy: of whole objects with a class that the weights know.
+        class_accuracy: share of the whole objects whose class was told, of those whose class is given.
         grasped: share of the graspable objects with a grasp.
         support_right: share of the frames, of those where the support is known.
         support_angle_deg: median error of its normal, where one was predicted [degrees].
@@ -264,7 +264,7 @@ def score(
     for item, kind, label in zip(() if frame.clicks is None else frame.clicks.objects, kinds, main, strict=False):
         if item.class_name is not None and item.class_name not in classes:
             unknown.append(item.class_name)
-        elif item.class_name is not None and prediction is not None and kind == "whole":
+        if item.class_name is not None and prediction is not None and kind == "whole":
             named.append(prediction.class_of(label - 1) == item.class_name)
         if item.graspable:
             grasped.append(label in grasps)
@@ -508,7 +508,7 @@ def tables(numbers: CaptureNumbers) -> list[Table]:
         for name, each in groups.items()
     ]
     unknown = ", ".join(f"{name} ({count})" for name, count in sorted(numbers.unknown_classes.items()))
-    notes = (f"classes that the weights do not know, not in the accuracy: {unknown}",) if unknown else ()
+    notes = (f"classes that the weights do not know, so never right: {unknown}",) if unknown else ()
     first = "frames / objects"
     printed = [
         Table((first, *OBJECTS), objects, title="objects, percent, and 95 % interval", notes=notes),

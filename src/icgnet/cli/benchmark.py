@@ -43,7 +43,7 @@ class Latency(Measurement):
 
 @dataclass(frozen=True, kw_only=True)
 class Captures(Measurement):
-    """Real frames with labels or clicks: objects, classes, grasps, the support, time. --out draws every frame, too."""
+    """Objects and grasps in real frames against labels or clicks; the support and the time. --out draws the frames."""
 
     config: Annotated[CapturesConfig, Flat, tyro.conf.PositionalRequiredArgs]
     gallery: int = 12
