@@ -7,19 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from icgnet.benchmark import captures
-from icgnet.benchmark.captures import (
-    EVERY,
-    IN_CLICKS,
-    IN_LABELS,
-    kinds_of,
-    overlap,
-    predict,
-    score,
-    summarise,
-    support_plane,
-    tables,
-)
+from icgnet.benchmark.capture_scores import FrameScores, kinds_of, overlap, score, support_plane
+from icgnet.benchmark.captures import EVERY, IN_CLICKS, IN_LABELS, predict, summarise, tables
 from icgnet.benchmark.config import CapturesConfig
 from icgnet.benchmark.labelled_frames import LabelledFrame
 from icgnet.cli.main import USAGE_ERROR, main
@@ -242,7 +231,7 @@ def test_an_error_counts_as_nothing_found_and_ends_nothing():
     assert (of_clicks.grasped, of_clicks.classes) == ((False, False), ())
 
 
-def in_subset(subset: str, labelled: LabelledFrame, mask: np.ndarray, seconds: float) -> captures.FrameScores:
+def in_subset(subset: str, labelled: LabelledFrame, mask: np.ndarray, seconds: float) -> FrameScores:
     return score(replace(labelled, subset=subset), answer(mask, ("box",) * 4), CLASSES, seconds)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from icgnet.benchmark.captures import FrameScores
+from icgnet.benchmark.capture_scores import FrameScores
 from icgnet.benchmark.labelled_frames import LabelledFrame
 from icgnet.geometry.transforms import invert_transform
 from icgnet.grasping.grasps import Grasps
