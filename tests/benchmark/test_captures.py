@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from icgnet.benchmark.capture_scores import FrameScores, kinds_of, overlap, score, support_plane
-from icgnet.benchmark.captures import EVERY, IN_CLICKS, IN_LABELS, predict, summarise, tables
-from icgnet.benchmark.config import CapturesConfig
+from icgnet.benchmark.captures import predict, summarise, tables
+from icgnet.benchmark.config import EVERY, IN_CLICKS, IN_LABELS, CapturesConfig
 from icgnet.benchmark.labelled_frames import LabelledFrame
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
@@ -251,6 +251,8 @@ def test_frames_are_averaged_and_objects_counted_by_subset_and_kind_of_truth():
     assert groups[EVERY].missed.mean == pytest.approx(100 * 4 / 9)
     assert (groups[EVERY].seconds.mean, groups[EVERY].worst_seconds, groups[EVERY].objects) == (2.0, 3.0, 9)
     assert list(summarise(rows[:1]).groups) == ["easy", EVERY]
+    assert [row[0].split("\n")[0] for row in tables(summarise(rows))[0].rows[:3]] == ["easy", "hard", IN_LABELS]
+    assert tables(summarise(rows[:1]))[0].rows[1][0] == "all\n1 / 3"
     assert rows[1].story() == "2 of 3 objects below 0.75; 2 missed"
     assert rows[2].story() == "2 of 3 objects not whole; 2 missed; 1 false; 2 of 2 without a grasp"
     assert [row.quality for row in rows] == [1, 1 / 3, 1 / 4]
@@ -291,6 +293,7 @@ def test_the_command_measures_a_folder_and_draws_it(tmp_path, capsys, monkeypatc
     assert main(["benchmark", "report", str(tmp_path / "out")]) == 0
     page = capsys.readouterr().out
     assert "## Real frames" in page
+    assert page.count("out: ") == 2
     assert "UOIS-Net-3D" in page
 
 

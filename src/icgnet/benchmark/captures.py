@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import track
 
 from icgnet.benchmark.capture_scores import GOOD, KINDS, FrameScores, score
-from icgnet.benchmark.config import CapturesConfig
+from icgnet.benchmark.config import EVERY, IN_CLICKS, IN_LABELS, CapturesConfig
 from icgnet.benchmark.labelled_frames import LabelledFrame, find_frames, read_frame
 from icgnet.benchmark.published_results import CAPTURES
 from icgnet.benchmark.statistics import Spread, spread
@@ -18,9 +18,6 @@ from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import IcgnetError
 from icgnet.inference.prediction import Prediction
 from icgnet.predictor import Predictor
-
-EVERY = "all"
-IN_LABELS, IN_CLICKS = "all with label images", "all with clicks"
 
 
 @dataclass(frozen=True)
@@ -194,7 +191,8 @@ CROPPED = (
 def tables(numbers: CaptureNumbers) -> list[Table]:
     """What is printed: overlap beside published values, what became of the objects, support and time."""
     groups = numbers.groups
-    overlaps = [_row(name, each, OVERLAP) for name, each in groups.items() if each.f is not None]
+    labelled = [name for name, each in groups.items() if each.f is not None]
+    overlaps = [_row(name, groups[name], OVERLAP) for name in labelled if name != EVERY or IN_LABELS not in groups]
     objects = [_row(name, each, OBJECTS) for name, each in groups.items()]
     rest = [
         (*_row(name, each, {**SUPPORT, "s": "seconds"}), f"{each.worst_seconds:.1f}", str(each.errors or NOTHING))

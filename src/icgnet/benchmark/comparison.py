@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from icgnet.benchmark.config import EVERY, IN_LABELS
 from icgnet.benchmark.published_results import CAPTURES, RATES, SHAPES, TIMES, PublishedTable
 from icgnet.benchmark.report_rows import (
     NOTES,
@@ -207,6 +208,7 @@ def _captures(reports: Sequence[StoredReport]) -> list[str]:
         for report in sorted(reports, key=lambda each: each.name)
         for group in report.mapping("groups")
         if report.value("groups", group, "f") is not None
+        and (group != EVERY or IN_LABELS not in report.mapping("groups"))  # else the same twice
     ]
     rows += [Row((method, "OSD as recorded"), (who, *values)) for method, *values, who in CAPTURES]
     meaning = (
