@@ -158,7 +158,7 @@ def test_given_classes_of_whole_objects_count_and_unknown_ones_are_named():
 def test_a_grasp_counts_for_the_object_that_its_instance_mostly_lies_on():
     scores = score(frame(clicks()), answer(PERFECT, grasped=(1, 2)), CLASSES)
     assert scores.grasped == (False, True)  # the third one is not graspable
-    assert "1 of 2 graspable without a grasp" in scores.story()
+    assert "no grasp on 1 of 2" in scores.story()
 
 
 def test_a_table_that_is_tilted_or_too_low_is_wrong():
@@ -254,7 +254,7 @@ def test_frames_are_averaged_and_objects_counted_by_subset_and_kind_of_truth():
     assert [row[0].split("\n")[0] for row in tables(summarise(rows))[0].rows[:3]] == ["easy", "hard", IN_LABELS]
     assert tables(summarise(rows[:1]))[0].rows[1][0] == "all\n1 / 3"
     assert rows[1].story() == "2 of 3 objects below 0.75; 2 missed"
-    assert rows[2].story() == "2 of 3 objects not whole; 2 missed; 1 false; 2 of 2 graspable without a grasp"
+    assert rows[2].story() == "2 of 3 objects not whole; 2 missed; 1 false; no grasp on 2 of 2"
     assert [row.quality for row in rows] == [1, 1 / 3, 1 / 4]
 
 
@@ -285,6 +285,7 @@ def test_the_command_measures_a_folder_and_draws_it(tmp_path, capsys, monkeypatc
     assert [row["name"] for row in report["rows"]] == ["clicked/two", "labelled/one"]
     assert report["groups"][EVERY]["support_right"]["mean"] == 100
     assert len(report["settings"]["weights"]) == 64
+    assert report["settings"]["pose"] is True
     pictures = sorted(str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*.png"))
     assert pictures == [
         *("frames/clicked/two.png", "frames/labelled/one.png"),

@@ -46,6 +46,7 @@ def test_a_frame_with_labels_is_read(folder):
 def test_an_npz_with_clicks_is_read(clicked):
     frame = read(clicked)["touched"]
     np.testing.assert_allclose(frame.camera_pose, POSE)
+    assert read_frame(find_frames(clicked)[0], pose=False).camera_pose is None
     assert frame.labels is None
     assert [len(item.clicks) for item in frame.clicks.objects] == [5, 5, 5]
     assert frame.clicks.objects[0].class_name == "box"

@@ -120,7 +120,7 @@ class FrameScores:
         said += [f"{self.kinds.count(kind)} {kind}" for kind in KINDS[1:] if kind in self.kinds]
         said += [f"{self.false} false"] if self.false else []
         if False in self.grasped:
-            said.append(f"{self.grasped.count(False)} of {len(self.grasped)} graspable without a grasp")
+            said.append(f"no grasp on {self.grasped.count(False)} of {len(self.grasped)}")
         off = self.support
         if off is not None and off.angle_deg is not None and not off.right:
             said.append(f"support off by {off.angle_deg:.0f} degrees, {off.height_mm:.0f} mm")

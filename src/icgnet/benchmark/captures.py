@@ -101,11 +101,11 @@ def measure(config: CapturesConfig, look: Look | None = None) -> CaptureNumbers:
     for path in paths:
         read_frame(path)  # what is wrong with one is said before the first prediction
     predictor = Predictor.load(config.weights, config.threads)
-    predict(predictor, read_frame(paths[0]))  # the first one takes longer
+    predict(predictor, read_frame(paths[0], config.pose))  # the first one takes longer
     console = Console(stderr=True)
     rows = []
     for path in track(paths, "frames", console=console, transient=True, disable=not console.is_terminal):
-        frame = read_frame(path)
+        frame = read_frame(path, config.pose)
         prediction, seconds, error = predict(predictor, frame)
         rows.append(score(frame, prediction, predictor.classes, seconds, error))
         if look is not None:

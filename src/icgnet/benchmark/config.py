@@ -158,10 +158,13 @@ class CapturesConfig:
     """Weights file; the one that ships with the package if not given."""
     threads: int = 2
     """CPU threads of the network."""
+    pose: bool = True
+    """Whether the camera's pose is used where it is known."""
 
     def __post_init__(self) -> None:
         check_range(self, 1.0, "threads")
 
     def describe(self) -> str:
         """What stands above the numbers."""
-        return f"{self.folder}, {self.weights or 'the weights of the package'}, {self.threads} threads"
+        poses = "poses where they are known" if self.pose else "without poses"
+        return f"{self.folder}, {self.weights or 'the weights of the package'}, {self.threads} threads, {poses}"

@@ -114,8 +114,12 @@ def find_frames(folder: Path) -> list[FramePath]:
     return [FramePath(path, name) for path, name in zip(paths, names, strict=True)]
 
 
-def read_frame(path: FramePath) -> LabelledFrame:
+def read_frame(path: FramePath, pose: bool = True) -> LabelledFrame:
     """One frame, checked.
+
+    Args:
+        path: where it lies.
+        pose: whether the camera's pose is given where it is known.
 
     Raises:
         DataError: a file is missing, cannot be read, or does not fit the others; the message names it.
@@ -136,7 +140,7 @@ def read_frame(path: FramePath) -> LabelledFrame:
         _subset(path, camera),
         depth,
         capture.intrinsics,
-        capture.camera_pose,
+        capture.camera_pose if pose else None,
         _read_labels(labels, depth.shape) if labels.is_file() else None,
         _read_clicks(clicks, depth.shape) if clicks.is_file() else None,
         None if colour is None else _read_image(colour, "RGB", depth.shape),
