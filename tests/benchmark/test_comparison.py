@@ -300,7 +300,7 @@ def test_reports_are_found_in_folders_inside_of_folders_and_once(tmp_path):
 
 def test_reports_of_other_kinds_are_named_and_not_enough_alone(page, tmp_path):
     assert "Not on this page:" in page(clutter(), {"benchmark": "loader"})
-    with pytest.raises(InputError, match="clutter, reconstruction, segmentation, latency; found: loader"):
+    with pytest.raises(InputError, match="clutter, reconstruction, segmentation, latency, captures; found: loader"):
         compare(find_reports([tmp_path / "b"]))
 
 

@@ -4,7 +4,8 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from icgnet.benchmark.published_results import RATES, SHAPES, TIMES, PublishedTable
+from icgnet.benchmark.config import EVERY, IN_LABELS
+from icgnet.benchmark.published_results import CAPTURES, RATES, SHAPES, TIMES, PublishedTable
 from icgnet.benchmark.report_rows import (
     NOTES,
     Pair,
@@ -24,7 +25,7 @@ from icgnet.benchmark.tables import NOTHING
 from icgnet.errors import InputError
 
 SKIPPED = "nothing found"
-SECTIONS = ("clutter", "reconstruction", "segmentation", "latency")
+SECTIONS = ("clutter", "reconstruction", "segmentation", "latency", "captures")
 INTRODUCTION = """# Benchmark
 
 Ours: mean ± population standard deviation [95 % interval]. Rates vary over runs, if there are several, with Wilson's
@@ -58,6 +59,7 @@ def compare(reports: Sequence[StoredReport]) -> str:
         *(_shapes(of["reconstruction"]) if of["reconstruction"] else []),
         *(_instances(of["segmentation"]) if of["segmentation"] else []),
         *(_times(of["latency"]) if of["latency"] else []),
+        *(_captures(of["captures"]) if of["captures"] else []),
     ]
     notes = [f"- {mark} {text}" for mark, text in NOTES.items() if any(f" {mark}" in section for section in sections)]
     others = [f"{report.name} ({report.kind})" for report in reports if report.kind not in SECTIONS]
@@ -192,6 +194,29 @@ def _times(reports: Sequence[StoredReport]) -> list[str]:
     )
     headers = ("method", "input", "scenes", "hardware", "measured by", "parameters", "whole", *stages)
     return [f"## Time\n\n{meaning}\n\n{table(headers, rows)}"]
+
+
+def _captures(reports: Sequence[StoredReport]) -> list[str]:
+    """Overlap with label images beside published values; a row for each subset of each report."""
+    names = ("precision", "recall", "f", "boundary_f", "good")
+    rows = [
+        Row(
+            (f"icgnet {str(report.value('settings', 'weights'))[:8]}", f"{report.name}: {group}"),
+            (source([report]), *(_spread(report, 1, "groups", group, name) for name in names)),
+            (report,),
+        )
+        for report in sorted(reports, key=lambda each: each.name)
+        for group in report.mapping("groups")
+        if report.value("groups", group, "f") is not None
+        and (group != EVERY or IN_LABELS not in report.mapping("groups"))  # else the same twice
+    ]
+    rows += [Row((method, "OSD as recorded"), (who, *values)) for method, *values, who in CAPTURES]
+    meaning = (
+        "Overlap with label images, percent. Ours of OSD are of the version of Alexandrov, in which floor, walls and "
+        "far things are cut away. Objects, classes, grasps, support and time: report.json of each."
+    )
+    headers = ("method", "frames", "measured by", "P", "R", "F", "boundary F", "objects with F >= 0.75")
+    return [f"## Real frames\n\n{meaning}\n\n{table(headers, rows)}"]
 
 
 def _parameters(report: StoredReport) -> str:

@@ -12,6 +12,8 @@ from icgnet.settings import check_choices, check_range
 ViewName = Literal["random", "side", "top"]
 NoiseName = Literal["none", "gaussian", "dex"]
 OUR_NETWORK = "icgnet"
+EVERY, IN_LABELS, IN_CLICKS = "all", "all with label images", "all with clicks"
+"""Groups of real frames, beside the subsets; the last two if there are frames of both kinds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,3 +146,25 @@ class LatencyConfig(PictureConfig):
         if self.preset is not None:
             del values["weights"]
         return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class CapturesConfig:
+    """Real frames with labels or clicks, and the network that sees them."""
+
+    folder: Path
+    """Searched for frames, also in the folders inside of it; docs/guides/real_captures.md has the formats."""
+    weights: Path | None = None
+    """Weights file; the one that ships with the package if not given."""
+    threads: int = 2
+    """CPU threads of the network."""
+    pose: bool = True
+    """Whether the camera's pose is used where it is known."""
+
+    def __post_init__(self) -> None:
+        check_range(self, 1.0, "threads")
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        poses = "poses where they are known" if self.pose else "without poses"
+        return f"{self.folder}, {self.weights or 'the weights of the package'}, {self.threads} threads, {poses}"

@@ -1,4 +1,4 @@
-"""What papers print about methods on packed and pile scenes; published.yaml holds it and names the sources."""
+"""What papers print about methods on scenes like ours; published.yaml holds it and names the sources."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,3 +63,5 @@ SHAPES: tuple[tuple[str, ...], ...] = tuple(map(tuple, _FILE["shapes"]))
 """Reconstruction: method, protocol, scenes, packed IoU and Chamfer-L1, pile IoU and Chamfer-L1, who measured."""
 TIMES: tuple[tuple[str, ...], ...] = tuple(map(tuple, _FILE["times"]))
 """Time of one prediction: method, milliseconds, hardware, who measured, parameters of the network."""
+CAPTURES: tuple[tuple[str, ...], ...] = tuple(map(tuple, _FILE["captures"]))
+"""Objects in real pictures: method, overlap P, R and F, boundary F, share of objects with F >= 0.75, who measured."""

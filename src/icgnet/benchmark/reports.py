@@ -16,6 +16,7 @@ KINDS = (
     "reconstruction",
     "segmentation",
     "latency",
+    "captures",
     "simulation",
     "loader",
     "label-ceiling",

@@ -1,10 +1,17 @@
 """`icgnet benchmark`: the numbers that this project reports, one subcommand each."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated
 
-from icgnet.benchmark.config import LatencyConfig, PictureConfig
+import tyro
+
+from icgnet.benchmark.config import CapturesConfig, LatencyConfig, PictureConfig
 from icgnet.cli.measurement import Flat, Measurement
+from icgnet.errors import InputError
+
+if TYPE_CHECKING:
+    from icgnet.benchmark.captures import CaptureNumbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,3 +39,35 @@ class Latency(Measurement):
     config: Annotated[LatencyConfig, Flat]
 
     kind, module = "latency", "icgnet.benchmark.latency"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Captures(Measurement):
+    """Objects and grasps in real frames against labels or clicks; the support and the time. --out draws the frames."""
+
+    config: Annotated[CapturesConfig, Flat, tyro.conf.PositionalRequiredArgs]
+    gallery: int = 12
+    """With --out, draw so many of the worst frames large, with what went wrong."""
+
+    kind, module = "captures", "icgnet.benchmark.captures"
+
+    def measure(self, module: ModuleType) -> "CaptureNumbers":
+        """The numbers; draws the frames if there is a folder for them.
+
+        Raises:
+            IcgnetError: unusable frames or weights, or a gallery of less than no frames.
+        """
+        if self.gallery < 0:
+            raise InputError(f"gallery must be at least 0 frames, got {self.gallery}")
+        if self.out is None:
+            return module.measure(self.config)
+        from icgnet.benchmark.capture_pictures import CapturePictures
+
+        pictures = CapturePictures(self.out)
+        numbers = module.measure(self.config, pictures.draw)
+        pictures.collect(numbers.rows, self.gallery)
+        return numbers
+
+    def object_sources(self) -> tuple[str, ...]:
+        """No object sets."""
+        return ()

@@ -35,6 +35,7 @@ COMMANDS = {
     "benchmark reconstruction": ("benchmark:Reconstruction", "Predicted shapes against true ones."),
     "benchmark segmentation": ("benchmark:Segmentation", "Predicted instances against true ones."),
     "benchmark latency": ("benchmark:Latency", "Time of each stage from a cloud or depth image to grasps."),
+    "benchmark captures": ("benchmark:Captures", "Objects and grasps in real frames against labels or clicks."),
     "benchmark report": ("benchmark_report:Report", "Put the results of several benchmarks beside the published ones."),
     "study simulation": ("study:Simulation", "Scenes and grasps of the simulator beside the published ones."),
     "study label-ceiling": ("study:LabelCeiling", "The best that scores of grasps can reach."),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar
 
 import tyro
@@ -36,7 +37,7 @@ class Measurement:
         measured = import_module(self.module)
         for source in self.object_sources():
             load_objects(source)  # says what is left out
-        numbers = measured.measure(self.config)
+        numbers = self.measure(measured)
         if numbers is None:  # of several processes, another one reports
             return
         if hasattr(self.config, "describe"):
@@ -46,6 +47,10 @@ class Measurement:
         from icgnet.benchmark.record import write_report
 
         write_report(self.out, self.kind, self.config, numbers)
+
+    def measure(self, module: ModuleType) -> Any:
+        """The numbers; None of a process that does not report."""
+        return module.measure(self.config)
 
     def object_sources(self) -> tuple[str | Path, ...]:
         """The object sets that are measured with."""
