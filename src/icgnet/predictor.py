@@ -26,6 +26,7 @@ from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode_windows, find_instances
 from icgnet.inference.looks import MARGIN, WIDE_SCALE, SceneObject, agree, needs_wide_look
+from icgnet.inference.occlusion import join_occluded
 from icgnet.inference.parts import group_parts
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
 from icgnet.inference.shapes import Shape
@@ -245,10 +246,15 @@ class Predictor:
             for item in made_out
             if tabletop.support is None or not is_background(points[item.rows], item.bodies[0].score)
         ]
-        objects = [_Object.of(self.network, item, points) for item in found[:MOST_OBJECTS]]
+        hidden_links = join_occluded([item.rows for item in found[:MOST_OBJECTS]], tabletop.cloud, tabletop.above)
+        whole = [
+            SceneObject.joined([found[index] for index in np.flatnonzero(hidden_links == number)])
+            for number in range(hidden_links.max(initial=-1) + 1)
+        ]
+        objects = [_Object.of(self.network, item, points) for item in whole]
         left_out = {
             "windows": len(windows) + len(wide_windows) - len(views) - len(wide_views),
-            "objects": len(found) - len(objects),
+            "objects": max(0, len(found) - MOST_OBJECTS),
             "background": len(made_out) - len(found),
         }
         clock.lap("encode")

@@ -20,9 +20,9 @@ SURE = 0.9
 LARGE, TRUST_IN_SIZE = 0.12, 0.5
 """It has to be surer than the objects of the closer look that it joins, or larger than this [m]: a metre more counts as
 so much of the score."""
-MARGIN = 0.1
-"""In scenes that a single window holds it has to be surer by this: small things that touch are one object there, too,
-when they are seen at half their size."""
+DOUBTED, MARGIN = 0.75, 0.05
+"""Scenes that a single window holds are looked at again only if a score there is lower than this, and then it has to be
+surer by so much: small things that touch are one object, too, when they are seen at half their size."""
 PIECE = 0.08
 """Objects of the closer look with a smaller share of its points are none that it joins."""
 UNSEEN = 0.7
@@ -48,10 +48,19 @@ class SceneObject:
     bodies: tuple[Instance, ...]
     parts: tuple[Instance, ...]
 
+    @staticmethod
+    def joined(pieces: Sequence["SceneObject"]) -> "SceneObject":
+        """One object of several pieces, the largest of which comes first."""
+        return SceneObject(
+            np.sort(np.concatenate([piece.rows for piece in pieces])),
+            tuple(body for piece in pieces for body in piece.bodies),
+            tuple(part for piece in pieces for part in piece.parts),
+        )
+
 
 def needs_wide_look(close: Sequence[Instance], windows: int) -> bool:
     """Whether there may be objects that the closer look does not know whole: in several windows, or doubted ones."""
-    return windows > 1 or any(item.score < SURE for item in close)
+    return windows > 1 or any(item.score < DOUBTED for item in close)
 
 
 def agree(
