@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -22,16 +23,18 @@ from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
 from icgnet.inference.background import is_background
+from icgnet.inference.budget import Budget
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode_windows, find_instances
 from icgnet.inference.looks import MARGIN, WIDE_SCALE, SceneObject, agree, needs_wide_look
-from icgnet.inference.occlusion import join_occluded
+from icgnet.inference.occlusion import joined_behind_others
 from icgnet.inference.parts import group_parts
-from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction, SupportPlane
 from icgnet.inference.shapes import Shape
+from icgnet.inference.support import Support
 from icgnet.inference.tabletop import Tabletop, find_tabletop
-from icgnet.inference.windows import Window, cover
+from icgnet.inference.windows import Window, cover, fullest_first
 from icgnet.network.config import Precision
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.instances import FEWEST_VOXELS
@@ -45,6 +48,8 @@ MOST_OBJECTS = 64
 """The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
 MOST_RESAMPLED = 8
 """The largest so many objects are asked for points of their predicted surface."""
+ENCODING_SHARE, RESAMPLING_SHARE = 0.6, 0.7
+"""With a budget, so much of it may be used up before the last windows are encoded and unseen sides are looked at."""
 WORLD, CAMERA = "world", "camera"
 """Names of the frames that results are in: a world with z up, unless the caller calls it otherwise, or the camera."""
 
@@ -220,46 +225,28 @@ class Predictor:
         """
         # Two streams, so that finding the table does not change which contacts are drawn.
         for_table, for_contacts = map(np.random.default_rng, np.random.SeedSequence(self.seed).spawn(2))
-        clock = _Clock()
+        clock, budget = _Clock(), Budget(self.search.budget_ms)
         tabletop = find_tabletop(cloud, table_height, for_table, is_level, mask)
-        points = tabletop.cloud.points
-        standing = points[tabletop.standing]
-        windows = cover(standing[standing[:, 2] < SIZE], fewest=FEWEST_VOXELS)
         clock.lap("input")
 
-        views = encode_windows(self.network, tabletop, windows, self.in_bfloat16)
-        close = find_instances(views, points)
-        groups = np.arange(len(close))
-        if self.search.merge_parts == "always" or (self.search.merge_parts == "auto" and len(windows) > 1):
-            groups = group_parts([item.rows for item in close], tabletop.cloud)
-        wide_windows: list[Window] = []
-        if self.search.wide_look == "always" or (
-            self.search.wide_look == "auto" and needs_wide_look(close, len(windows))
-        ):
-            wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
-        wide_views = encode_windows(self.network, tabletop, wide_windows, self.in_bfloat16)
-        wide = find_instances(wide_views, points)
-        made_out = agree(close, groups, wide, points, margin=MARGIN if len(windows) == 1 else 0.0)
+        made_out, windows_left_out = self._make_out(tabletop, budget)
+        points = tabletop.cloud.points
         # Of a scene whose table is known, everything above it is meant to be an object.
         found = [
             item
             for item in made_out
             if tabletop.support is None or not is_background(points[item.rows], item.bodies[0].score)
         ]
-        hidden_links = join_occluded([item.rows for item in found[:MOST_OBJECTS]], tabletop.cloud, tabletop.above)
-        whole = [
-            SceneObject.joined([found[index] for index in np.flatnonzero(hidden_links == number)])
-            for number in range(hidden_links.max(initial=-1) + 1)
-        ]
-        objects = [_Object.of(self.network, item, points) for item in whole]
         left_out = {
-            "windows": len(windows) + len(wide_windows) - len(views) - len(wide_views),
+            "windows": windows_left_out,
             "objects": max(0, len(found) - MOST_OBJECTS),
             "background": len(made_out) - len(found),
         }
+        whole = joined_behind_others(found[:MOST_OBJECTS], tabletop)
+        objects = [_Object.of(self.network, item, points) for item in whole]
         clock.lap("encode")
 
-        grasps, rejected = self._search(tabletop, objects, for_contacts, clock)
+        grasps, rejected = self._search(tabletop, objects, for_contacts, clock, budget)
         result = Prediction(
             objects=tuple(_detected(number, item, tabletop, cloud) for number, item in enumerate(objects)),
             grasps=grasps.transformed(tabletop.T_frame_table),
@@ -274,12 +261,46 @@ class Predictor:
             input_rows=input_rows,
             input_shape=input_shape,
             left_out=left_out,
+            supports=() if tabletop.support is None else _support_planes(tabletop.support),
+            warnings=tabletop.warnings,
         )
         clock.lap("select")
         return result
 
+    def _make_out(self, tabletop: Tabletop, budget: Budget) -> tuple[list[SceneObject], int]:
+        """What stands on the table, seen as it is and, where that may help, at half its size.
+
+        Also returns how many windows were not looked at.
+        """
+        points, search = tabletop.cloud.points, self.search
+        standing = points[tabletop.standing]
+        windows = cover(standing[standing[:, 2] < SIZE], FEWEST_VOXELS)
+        if budget.is_limited:
+            windows = fullest_first(windows, standing)
+        is_over = partial(budget.is_spent, ENCODING_SHARE)
+        views = encode_windows(self.network, tabletop, windows, self.in_bfloat16, is_over)
+        close = find_instances(views, points)
+        groups = np.arange(len(close))
+        if search.merge_parts == "always" or (search.merge_parts == "auto" and len(windows) > 1):
+            groups = group_parts([item.rows for item in close], tabletop.cloud)
+
+        wide_windows: list[Window] = []
+        if search.wide_look == "always" or (search.wide_look == "auto" and needs_wide_look(close, len(windows))):
+            wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
+        wide_views = []
+        if not is_over():
+            wide_views = encode_windows(self.network, tabletop, wide_windows, self.in_bfloat16, is_over)
+        wide = find_instances(wide_views, points)
+        made_out = agree(close, groups, wide, points, margin=MARGIN if len(windows) == 1 else 0.0)
+        return made_out, len(windows) + len(wide_windows) - len(views) - len(wide_views)
+
     def _search(
-        self, tabletop: Tabletop, objects: list["_Object"], rng: np.random.Generator, clock: "_Clock"
+        self,
+        tabletop: Tabletop,
+        objects: list["_Object"],
+        rng: np.random.Generator,
+        clock: "_Clock",
+        budget: Budget,
     ) -> tuple[Grasps, dict[str, int]]:
         """Free grasps in the table frame, ranked; from the predicted surfaces too when the seen ones give few."""
         parts = [part for item in objects for part in item.parts]
@@ -294,14 +315,15 @@ class Predictor:
             candidates, dropped = score_contacts(self.network, parts, contacts, self.gripper, self.search)
             candidates = replace(candidates, instances=object_of[candidates.instances])
             clock.lap("grasps")
-            free, hit = keep_free(candidates, obstacles, tabletop, self.gripper, self.search)
+            free, hit = keep_free(candidates, obstacles, tabletop, self.gripper, self.search, budget.is_spent)
             clock.lap("collision")
             rounds.append(free)
             rejected.update(dropped)
             rejected.update(hit)
             grasps = Grasps.concatenate(rounds)
             poor = self._with_few_grasps(grasps, len(objects))
-            if not poor.any() or not self.search.resample or len(rounds) == 2:
+            is_last = len(rounds) == 2 or not self.search.resample or budget.is_spent(RESAMPLING_SHARE)
+            if is_last or not poor.any():
                 return ranked(grasps, self.search.select), dict(rejected)
             chosen = np.flatnonzero(poor[object_of])[:MOST_RESAMPLED]
             contacts = surface_contacts(parts, chosen, self.search.contacts, rng)
@@ -352,6 +374,20 @@ class _Object:
         ):
             return _Object(found, parts, parts)
         return _Object(found, [Shape.around(network, item, points[item.rows]) for item in found.bodies], parts)
+
+
+def _support_planes(support: Support) -> tuple[SupportPlane, ...]:
+    """The plane that was taken for the table, and its rivals."""
+    return tuple(
+        SupportPlane(
+            normal=tuple(each.plane.normal.tolist()),
+            height=-each.plane.offset,
+            share=each.share,
+            area=each.area,
+            tilt_deg=float(np.rad2deg(each.tilt)),
+        )
+        for each in (support, *support.rivals)
+    )
 
 
 def _detected(number: int, item: _Object, tabletop: Tabletop, cloud: PointCloud) -> DetectedObject:

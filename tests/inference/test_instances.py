@@ -22,7 +22,7 @@ def views(points) -> list[EncodedWindow]:
     """Two windows that share the middle third of the band."""
     cloud, rows = PointCloud(points, np.array([0.2, -0.3, 0.6]), "table"), np.arange(len(points))
     tabletop = Tabletop(cloud, rows, rows, np.eye(4))
-    return encode_windows(tiny_network(), tabletop, [Window(np.zeros(3)), Window(np.array([0.15, 0.0, 0.0]))])
+    return encode_windows(tiny_network(), tabletop, [Window(np.zeros(2)), Window(np.array([0.15, 0.0]))])
 
 
 def between(points, view, low, high):

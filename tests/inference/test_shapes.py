@@ -54,7 +54,7 @@ def shapes(tabletop) -> list[Shape]:
     torch.manual_seed(0)
     network = BallNetwork(NETWORKS["tiny"]).eval()
     points = tabletop.cloud.points
-    (view,) = encode_windows(network, tabletop, [Window(ORIGIN)])
+    (view,) = encode_windows(network, tabletop, [Window(ORIGIN[:2])])
     rows = np.array_split(np.arange(len(points)), 2)
     return [Shape.around(network, Instance(view, k, 1.0, "ball", 1.0, rows[k]), points[rows[k]]) for k in range(2)]
 

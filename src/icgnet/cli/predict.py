@@ -148,6 +148,8 @@ class Predict:
         return result
 
     def _report(self, result: "Prediction", out: Path | None) -> None:
+        for warning in result.warnings:
+            print_notice(warning)
         if self.json is not None:
             text = json.dumps(result.to_dict(meshes=out is not None), indent=1)
             if self.json == STDOUT:

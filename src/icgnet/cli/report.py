@@ -54,6 +54,9 @@ def print_tables(prediction: "Prediction", console: Console, meshes: bool) -> No
         f"{count} {reason.replace('_', ' ')}" for reason, count in prediction.rejected.items() if count
     )
     console.print(f"rejected: {rejected or 'none'}")
+    left_out = ", ".join(f"{count} {what}" for what, count in prediction.left_out.items() if count)
+    if left_out:
+        console.print(f"left out: {left_out}")
     timings = ", ".join(f"{stage} {duration:.0f}" for stage, duration in prediction.timings_ms.items())
     console.print(f"timings [ms]: {timings}", markup=False)
 

@@ -1,26 +1,15 @@
-"""The table in a cloud whose pose is not known: a robust plane fit, and the workspace frame on that plane."""
+"""Planes in clouds, and the workspace frame on the plane of a table."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from icgnet.errors import TableNotFoundError
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, TABLE_MARGIN
 
-HYPOTHESES = 400
-"""Planes through three random points that are tried; with 20 % table points, 96 % of runs draw a good one."""
-LARGEST_FIT = 50_000
-"""Points that the plane is refined on; a larger cloud is thinned evenly."""
-SAMPLE = 3000
-"""Points that the hypotheses are counted on."""
-RELATIVE_TOLERANCE = 0.01
-"""Largest tolerance as a share of the cloud's extent, so that a small ball is not taken for a plane."""
 STANDING_HEIGHT = 0.25
-"""Points up to this far above a plane count as standing on it [m]."""
-STANDING_WEIGHT = 0.5
-"""What such a point counts, next to 1 for a point of the plane: it tells the table from a box top and the floor."""
+"""Points up to this far above the table count as standing on it [m]."""
 PATCH_PERCENTILES = (2, 98)
 """Range of the table's own points that counts as the table: stray points beyond its edge must not widen it."""
 FEWEST_STANDING = 50
@@ -42,42 +31,6 @@ class Plane:
     def height(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
         """Signed distance of points from the plane [m], positive on the side of the normal."""
         return np.asarray(points @ self.normal + self.offset)
-
-
-def fit_table_plane(
-    points: Float[np.ndarray, "n 3"],
-    viewpoint: Float[np.ndarray, "3"] | None,
-    rng: np.random.Generator,
-    tolerance: float = 0.006,
-    minimum_share: float = 0.2,
-) -> Plane:
-    """The table's plane: of all planes, the one that holds most points and has most points standing on it.
-
-    Args:
-        points: finite points in any frame [m].
-        viewpoint: camera centre in the same frame [m]; if None, the frame's z axis is taken to point up.
-        rng: draws the hypotheses.
-        tolerance: how far a point of the table may be from the plane [m].
-        minimum_share: share of all points that must lie on the plane.
-
-    Returns:
-        The plane, its normal towards the viewpoint.
-
-    Raises:
-        TableNotFoundError: no plane holds `minimum_share` of the points; the message names the share found.
-    """
-    points = points[:: max(1, len(points) // LARGEST_FIT)]
-    sample = points[rng.permutation(len(points))[:SAMPLE]]
-    extent = float(np.linalg.norm(np.subtract(*np.percentile(sample, (95, 5), axis=0))))
-    tolerance = min(tolerance, RELATIVE_TOLERANCE * extent)
-    plane = refined_plane(_best_hypothesis(sample, viewpoint, rng, tolerance), points, tolerance)
-    share = float(np.mean(np.abs(plane.height(points)) < tolerance))
-    if share < minimum_share:
-        raise TableNotFoundError(
-            f"no table found: the best plane holds {share:.0%} of the points within {tolerance * 1e3:.1f} mm, "
-            f"{minimum_share:.0%} are required; crop the cloud to the table or give the camera pose"
-        )
-    return plane
 
 
 def table_frame(
@@ -118,35 +71,12 @@ def _middle_of_standing(
     return np.median(across[standing if standing.sum() >= FEWEST_STANDING else table], axis=0)
 
 
-def _best_hypothesis(
-    sample: Float[np.ndarray, "n 3"],
-    viewpoint: Float[np.ndarray, "3"] | None,
-    rng: np.random.Generator,
-    tolerance: float,
-) -> Plane:
-    """The best of many planes through three random points each."""
-    corners = sample[rng.integers(len(sample), size=(HYPOTHESES, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    proper = length > 1e-12
-    if not proper.any():
-        raise TableNotFoundError(f"no table found: the {len(sample)} points lie on one line")
-    normals, corners = normals[proper] / length[proper, None], corners[proper]
-    upward = normals[:, 2] if viewpoint is None else np.einsum("hd,hd->h", normals, viewpoint - corners[:, 0])
-    normals *= np.where(upward < 0, -1.0, 1.0)[:, None]
-    offsets = -np.einsum("hd,hd->h", normals, corners[:, 0])
-
-    height = normals @ sample.T + offsets[:, None]
-    on_plane = np.abs(height) < tolerance
-    standing = (height >= tolerance) & (height < STANDING_HEIGHT)
-    best = np.argmax(on_plane.sum(axis=1) + STANDING_WEIGHT * standing.sum(axis=1))
-    return Plane(normals[best], float(offsets[best]))
-
-
 def refined_plane(plane: Plane, points: Float[np.ndarray, "n 3"], tolerance: float) -> Plane:
     """The plane of least squares through its own points, found again until it settles."""
     for _ in range(4):
         inliers = points[np.abs(plane.height(points)) < tolerance]
+        if len(inliers) < 3:
+            break
         mean = inliers.mean(axis=0)
         centred = inliers - mean
         normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]

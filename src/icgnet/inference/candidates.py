@@ -1,6 +1,6 @@
 """Where the objects could be grasped, how well that would go, and what the hand would hit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -191,7 +191,12 @@ def _believed(
 
 
 def keep_free(
-    grasps: Grasps, objects: Sequence[Sequence[Shape]], tabletop: Tabletop, gripper: Gripper, search: GraspSearch
+    grasps: Grasps,
+    objects: Sequence[Sequence[Shape]],
+    tabletop: Tabletop,
+    gripper: Gripper,
+    search: GraspSearch,
+    is_over: Callable[[], bool] = lambda: False,
 ) -> tuple[Grasps, dict[str, int]]:
     """The best grasps whose hand touches nothing on its way, and how many were dropped for what.
 
@@ -203,6 +208,7 @@ def keep_free(
         tabletop: the measured points.
         gripper: the hand.
         search: the settings.
+        is_over: asked after every batch of checks; the candidates that are left are not checked.
     """
     rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
     points, _ = voxel_downsample(tabletop.cloud.points[tabletop.above], POINT_SPACING)
@@ -231,6 +237,8 @@ def keep_free(
         found += np.bincount(grasps.instances[batch[collisions.free]], minlength=len(objects))
         for name in rejected:
             rejected[name] += collisions.counts[name]
+        if is_over():
+            break
     rejected["unchecked"] = int((~checked).sum())
     return ranked(grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])), search.select), rejected
 

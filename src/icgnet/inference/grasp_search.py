@@ -26,6 +26,9 @@ class GraspSearch:
     """Collision-free grasps after which an object has enough; not with select highest."""
     most: int | None = None
     """Collision-free grasps, of all objects together, after which the search ends; None for no such end."""
+    budget_ms: float | None = None
+    """About how long a prediction may take [ms]: the windows with most points are looked at first, and the best grasps
+    are checked first; the result says what was left out. Then it depends on the clock. None for as long as it takes."""
     max_checked: int = 2048
     """Candidates that are checked for collision at most."""
     width_from: Literal["network", "shape"] = "network"
@@ -43,6 +46,7 @@ class GraspSearch:
         check_choices(self)
         check_range(self, 1.0, "contacts", "per_object", "max_checked", "most")
         check_range(self, 0.0, "few")
+        check_range(self, 1.0, "budget_ms")
         check_range(self, 0.0, "min_score", "good_score", most=1.0)
 
 

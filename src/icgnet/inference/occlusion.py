@@ -9,6 +9,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from icgnet.geometry.clouds import PointCloud, estimate_normals, voxel_downsample
+from icgnet.inference.looks import SceneObject
+from icgnet.inference.tabletop import Tabletop
 
 PITCH = 0.005
 MOST_POINTS = 150
@@ -31,6 +33,15 @@ SAME_DIRECTION, NEARER = 0.006, 0.01
 """A place is hidden by a point that is seen within this angle of it [rad] and is nearer by more than this [m]."""
 HIDDEN = 0.8
 """Share of the places between two pieces that must be hidden."""
+
+
+def joined_behind_others(found: Sequence[SceneObject], tabletop: Tabletop) -> list[SceneObject]:
+    """The objects, with those joined that only other objects in front of them have cut apart."""
+    groups = join_occluded([item.rows for item in found], tabletop.cloud, tabletop.above)
+    members = [
+        [found[i] for i in np.flatnonzero(groups == number).tolist()] for number in range(groups.max(initial=-1) + 1)
+    ]
+    return [SceneObject.joined(pieces) if len(pieces) > 1 else pieces[0] for pieces in members]
 
 
 def join_occluded(

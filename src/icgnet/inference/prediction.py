@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.objects.classes import check_class_list, class_index
 from icgnet.output_folder import output_folder
 
-FORMAT = "icgnet prediction 3"
+FORMAT = "icgnet prediction 4"
 RESULT_FILE = "result.json"
 GRASPS_FILE = "grasps.npz"
 CLOUD_FILE = "cloud.npz"
@@ -72,6 +72,26 @@ class DetectedObject:
         return self.__dict__ | {"extract": _KnownMesh(self.mesh())}
 
 
+@dataclass(frozen=True)
+class SupportPlane:
+    """A plane that may carry the objects, in the frame of the prediction.
+
+    Attributes:
+        normal: unit vector, upwards or towards the camera.
+        height: of the plane above the origin of the frame, along the normal [m].
+        share: of all measured points that lie on it.
+        area: that is seen of it [m^2].
+        tilt_deg: angle of the normal against the z axis of the world or, in the camera's frame, against the direction
+            towards the camera [degrees].
+    """
+
+    normal: tuple[float, ...]
+    height: float
+    share: float
+    area: float
+    tilt_deg: float
+
+
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """Everything found in one scene. Coordinates are in the frame `frame_id`, in metres.
@@ -90,7 +110,11 @@ class Prediction:
         classes: names of all classes that the weights know.
         input_rows: where each point of `cloud` stands in the flattened input.
         input_shape: shape of the input, (n,) for a cloud and (h, w) for a depth image.
-        left_out: how many windows and objects were not looked at, because there were too many (as in noise).
+        left_out: how many windows and objects were not looked at, because there were too many (as in noise) or because
+            the time was up, and how many things were taken for a part of the table or of what encloses it.
+        supports: the plane that was taken for the table, then others for which nearly as much speaks; none if the
+            height of the table was given.
+        warnings: what the caller should know about this result, one sentence each.
     """
 
     objects: tuple[DetectedObject, ...]
@@ -106,6 +130,8 @@ class Prediction:
     input_rows: Int[np.ndarray, "n"]
     input_shape: tuple[int, ...]
     left_out: dict[str, int] = field(default_factory=dict)
+    supports: tuple[SupportPlane, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def instance_mask(self) -> Int[np.ndarray, "*s"]:
@@ -187,6 +213,8 @@ class Prediction:
             "grasps": list(self._grasp_entries()),
             "rejected": self.rejected,
             "left_out": self.left_out,
+            "supports": [asdict(plane) for plane in self.supports],
+            "warnings": list(self.warnings),
             "timings_ms": {stage: round(time, 3) for stage, time in self.timings_ms.items()},
         }
 
@@ -331,7 +359,25 @@ def _assemble(
         input_rows=rows,
         input_shape=shape,
         left_out={name: int(_number(count, name, 0.0, math.inf)) for name, count in result["left_out"].items()},
+        supports=tuple(map(_support_plane, result["supports"])),
+        warnings=_texts(result["warnings"], "warnings"),
     )
+
+
+def _support_plane(entry: dict[str, Any]) -> SupportPlane:
+    normal = tuple(real_array(entry["normal"], "normal", (3,)).tolist())
+    return SupportPlane(
+        normal=normal,
+        height=_number(entry["height"], "height", -math.inf, math.inf),
+        share=_number(entry["share"], "share", 0.0, 1.0),
+        area=_number(entry["area"], "area", 0.0, math.inf),
+        tilt_deg=_number(entry["tilt_deg"], "tilt_deg", 0.0, 180.0),
+    )
+
+
+def _texts(values: Any, name: str) -> tuple[str, ...]:
+    _require(isinstance(values, list) and all(isinstance(each, str) for each in values), name, values)
+    return tuple(values)
 
 
 def _object(

@@ -17,9 +17,13 @@ PATCHES, PATCH_POINTS = 400, 24
 than three points of anywhere do."""
 TOLERANCE = 0.006
 """How far a point of a plane may be from it [m]."""
+RELATIVE_TOLERANCE = 0.01
+"""The same at most, as a share of the extent of the cloud."""
 FINEST, NOISE_RATIO, FLAT_PATCHES = 0.0025, 3.0, 0.3
 """Planes are fitted to points within a tolerance that follows the noise of the flat patches, but is this at least [m]:
 a wider one is met by slanted planes through two levels."""
+ALIGNED, FLAT_SHARE = 0.95, 0.5
+"""Share of the patches on a plane whose normals must be as alike to its own (cosine); it is smaller in a heap."""
 MOST_CANDIDATES = 10
 SMALLEST_SHARE, LEAST_SHARE = 0.03, 0.08
 """Share of the sampled points that a candidate must hold, and of all points that a support must hold."""
@@ -38,6 +42,8 @@ BELOW = 0.02
 LARGEST_TILT = np.deg2rad(10.0)
 """A support tilted more than this against a given world [rad] means that the camera's pose is wrong; a smaller tilt, of
 a pose that is not exact, is followed."""
+NOTABLE_TILT = np.deg2rad(3.0)
+"""A tilt that is followed, and spoken of [rad]."""
 STEEPEST_VIEW = np.deg2rad(80.0)
 """Between a support's normal and the direction towards the camera [rad], when no pose tells what is up."""
 DOWNWARD, DOWNWARD_FACTOR = 0.3, 0.6
@@ -98,10 +104,13 @@ class Support:
     rivals: tuple["Support", ...] = ()
     walls: tuple[Plane, ...] = ()
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """A sentence for each rival."""
-        return tuple(
+    def doubts(self, level: bool) -> tuple[str, ...]:
+        """What the caller should know: a tilt against a world said to be level, and a sentence on each rival."""
+        tilted = (
+            f"the table is tilted by {np.rad2deg(self.tilt):.1f} degrees against the z axis of the world, which is "
+            "followed: is the camera pose exact?",
+        )
+        return (tilted if level and self.tilt > NOTABLE_TILT else ()) + tuple(
             f"the table was a close choice: the plane taken holds {self.share:.0%} of the points (tilt "
             f"{np.rad2deg(self.tilt):.0f} degrees), another one {each.share:.0%} (tilt {np.rad2deg(each.tilt):.0f} "
             f"degrees, {100 * np.abs(self.plane.height(each.middle)):.0f} cm away); name the table by its height or a "
@@ -132,7 +141,11 @@ def find_support(
         TableNotFoundError: no plane could be a support.
         InputError: `level`, but the only support is tilted by more than 10 degrees.
     """
-    candidates = [_judged(plane, points, viewpoint, level) for plane in _planes(points, viewpoint, rng, upwards=level)]
+    extent = float(np.linalg.norm(np.subtract(*np.percentile(points, (95, 5), axis=0))))
+    # As a share of the extent of the cloud, so that a small ball is not taken for a plane.
+    tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * extent)
+    planes = _planes(points, viewpoint, rng, tolerance, upwards=level)
+    candidates = [_judged(plane, points, viewpoint, tolerance, level) for plane in planes]
     steepest = LARGEST_TILT if level else STEEPEST_VIEW
     usable = [each for each in candidates if each.tilt <= steepest and each.score > 0 and each.share > LEAST_SHARE]
     if not usable:
@@ -162,7 +175,11 @@ def _nothing(candidates: list[Support], points: Float[np.ndarray, "n 3"]) -> str
 
 
 def _planes(
-    points: Float[np.ndarray, "n 3"], viewpoint: Float[np.ndarray, "3"] | None, rng: np.random.Generator, upwards: bool
+    points: Float[np.ndarray, "n 3"],
+    viewpoint: Float[np.ndarray, "3"] | None,
+    rng: np.random.Generator,
+    coarsest: float,
+    upwards: bool,
 ) -> list[Plane]:
     """The largest planes, each of them without the points of the larger ones."""
     sample = points[rng.permutation(len(points))[:SAMPLE]]
@@ -174,35 +191,41 @@ def _planes(
     scatter, directions = np.linalg.eigh(np.einsum("hki,hkj->hij", centred, centred) / centred.shape[1])
     normals = directions[:, :, 0]
     noise = float(np.sqrt(np.quantile(np.maximum(scatter[:, 0], 0.0), FLAT_PATCHES)))
-    extent = float(np.linalg.norm(np.subtract(*np.percentile(sample, (95, 5), axis=0))))
-    tolerance = min(max(NOISE_RATIO * noise, FINEST), TOLERANCE, 0.01 * extent)
+    tolerance = min(max(NOISE_RATIO * noise, FINEST), coarsest)
     up = normals[:, 2] if upwards or viewpoint is None else np.einsum("hd,hd->h", normals, viewpoint - middles)
     normals *= np.where(up < 0, -1.0, 1.0)[:, None]
     distance = (normals @ sample.T - np.einsum("hd,hd->h", normals, middles)[:, None]) / (2 * tolerance)
     weight = np.maximum(1.0 - distance**2, 0.0)  # a plane through two levels is worse than one along either
     left = np.ones(len(sample), dtype=bool)
     found = []
-    while len(found) < MOST_CANDIDATES:
+    for _ in range(MOST_CANDIDATES):
         best = int((weight @ left).argmax())
         if ((weight[best] > 0) & left).sum() < max(3, SMALLEST_SHARE * len(sample)):
             break
         start = Plane(normals[best], float(-normals[best] @ middles[best]))
-        found.append(refined_plane(refined_plane(start, sample[left], 1.5 * tolerance), points, tolerance))
+        plane = refined_plane(refined_plane(start, sample[left], 1.5 * tolerance), points, tolerance)
+        on_it = np.abs(plane.height(middles)) < 2.0 * tolerance
+        if on_it.any() and np.mean(np.abs(normals[on_it] @ plane.normal) > ALIGNED) > FLAT_SHARE:
+            found.append(plane)
         # Also those near the hypothesis, should the refined plane have moved away from them.
-        left &= (np.abs(found[-1].height(sample)) > 2.0 * tolerance) & (weight[best] == 0)
+        left &= (np.abs(plane.height(sample)) > 2.0 * tolerance) & (weight[best] == 0)
     return found
 
 
 def _judged(
-    plane: Plane, points: Float[np.ndarray, "n 3"], viewpoint: Float[np.ndarray, "3"] | None, level: bool
+    plane: Plane,
+    points: Float[np.ndarray, "n 3"],
+    viewpoint: Float[np.ndarray, "3"] | None,
+    tolerance: float,
+    level: bool,
 ) -> Support:
     """What speaks for a plane."""
     height = plane.height(points)
-    on = np.abs(height) < TOLERANCE
+    on = np.abs(height) < tolerance
     middle = np.median(points[on], axis=0) if on.any() else -plane.offset * plane.normal
     outline = Outline.of(plane, points[on])
     inside = outline.beyond(points) <= 0
-    standing = inside & (height > TOLERANCE) & (height < STANDING_HEIGHT)
+    standing = inside & (height > TOLERANCE + tolerance) & (height < STANDING_HEIGHT)
     below = (height < -BELOW) & (outline.beyond(crossings(plane, points, viewpoint)) <= -BELOW)
     if level or viewpoint is None:
         tilt, factor = float(np.arccos(np.clip(plane.normal[2], -1.0, 1.0))), 1.0

@@ -99,7 +99,7 @@ def find_tabletop(
     support, warnings = None, ()
     if table_height is None:
         support = find_support(sample, viewpoint, rng, level)
-        warnings = support.doubts
+        warnings = support.doubts(level)
         T_frame_table = _tilted(support, sample) if level else invert_transform(table_frame(support.plane, sample))
     else:
         T_frame_table = _shifted_up(table_height)

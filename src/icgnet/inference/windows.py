@@ -87,6 +87,11 @@ def cover(points: Float[np.ndarray, "n 3"], fewest: int = 1, scale: float = 1.0)
     return [window for window, count in zip(windows, seen, strict=True) if count >= min(fewest, seen.max())]
 
 
+def fullest_first(windows: list[Window], points: Float[np.ndarray, "n 3"]) -> list[Window]:
+    """The windows in the order of how many of the points of the table frame [m] they hold."""
+    return sorted(windows, key=lambda window: -len(window.inside(points)))
+
+
 def owners(windows: list[Window], points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
     """Index of the window whose middle is nearest to each point of the table frame [m]."""
     centres = np.stack([window.centre for window in windows])
