@@ -21,7 +21,7 @@ from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.candidates import score_contacts
 from icgnet.inference.grasp_search import GraspSearch
-from icgnet.inference.prediction import NO_INSTANCE, Prediction
+from icgnet.inference.prediction import FORMAT, NO_INSTANCE, Prediction
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import save_weights
 from icgnet.predictor import Predictor
@@ -309,8 +309,8 @@ def test_objects_say_how_sure_the_network_is_of_them(in_world):
 def test_a_prediction_of_an_earlier_version_is_refused(in_camera, tmp_path):
     in_camera.save(tmp_path)
     text = (tmp_path / "result.json").read_text()
-    (tmp_path / "result.json").write_text(text.replace("icgnet prediction 3", "icgnet prediction 1"))
-    with pytest.raises(DataError, match="prediction 3' but 'icgnet prediction 1': predict again"):
+    (tmp_path / "result.json").write_text(text.replace(FORMAT, "icgnet prediction 1"))
+    with pytest.raises(DataError, match=f"{FORMAT}' but 'icgnet prediction 1': predict again"):
         Prediction.load(tmp_path)
 
 
@@ -538,7 +538,7 @@ def test_a_region_is_made_of_numbers(in_camera):
 def test_of_too_many_objects_and_windows_the_largest_are_looked_at_and_the_rest_is_counted(
     predictor, wide, monkeypatch
 ):
-    assert wide.left_out == {"windows": 0, "objects": 0}
+    assert wide.left_out["windows"] == wide.left_out["objects"] == 0
     monkeypatch.setattr("icgnet.predictor.MOST_OBJECTS", 1)
     monkeypatch.setattr("icgnet.inference.instances.MOST_VOXELS", 1)
     pose = camera_pose(0.75)
@@ -546,6 +546,34 @@ def test_of_too_many_objects_and_windows_the_largest_are_looked_at_and_the_rest_
     assert len(bounded.objects) == 1
     assert bounded.left_out["windows"] > 0
     assert bounded.to_dict()["left_out"] == bounded.left_out
+
+
+def test_a_budget_leaves_windows_and_checks_out_and_says_so(predictor, wide):
+    pose = camera_pose(0.75)
+    hasty = predictor.with_search(budget_ms=1.0).predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
+    assert hasty.left_out["windows"] > 0
+    assert len(hasty.objects) >= 1
+    assert len(hasty.objects) <= len(wide.objects)
+    generous = predictor.with_search(budget_ms=1e6).predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
+    assert generous.left_out["windows"] == 0
+
+
+def test_the_result_names_the_plane_that_was_taken_for_the_table(in_camera, in_world, tmp_path):
+    assert in_world.supports == ()
+    (plane, *_) = in_camera.supports
+    np.testing.assert_allclose(plane.normal, in_camera.T_frame_table[:3, 2])
+    assert 0.3 < plane.share < 1.0
+    assert plane.height == pytest.approx(-0.435, abs=0.005)
+    told = replace(in_camera, warnings=("the table was a close choice",))
+    told.save(tmp_path / "told")
+    loaded = Prediction.load(tmp_path / "told")
+    assert loaded.supports == in_camera.supports
+    assert loaded.warnings == told.warnings
+
+
+def test_a_height_that_contradicts_the_picture_is_a_warning(predictor, depth):
+    result = predictor.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT - 0.05)
+    assert "given as 0.000 m" in result.warnings[0]
 
 
 def test_a_world_that_is_not_known_cannot_be_named(predictor, depth):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from furnished_scenes import box, depth_cloud
 from icgnet.errors import InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.clouds import PointCloud
@@ -117,13 +118,57 @@ def test_a_mask_limits_what_stands_on_the_table(seen):
 
 
 def test_what_stands_beside_a_found_table_is_no_object_but_can_be_hit():
-    beside = Box((1.0, 0.1, 0.0), (1.2, 0.3, 0.2))
+    beside = Box((1.1, 0.1, 0.0), (1.3, 0.3, 0.2))
     pose = camera_pose(1.2, (0.4, 0.15, 0.05))
     grid = unproject(depth_image((*THREE_BOXES, beside), pose), INTRINSICS).reshape(-1, 3)
     world = transform_points(pose, grid[np.isfinite(grid).all(axis=1)])
     tabletop = find_tabletop(PointCloud(world, pose[:3, 3], "world"), None, rng())
     assert world[tabletop.standing, 0].max() < 0.3
-    assert world[tabletop.above, 0].max() > 0.99
+    assert world[tabletop.above, 0].max() > 1.09
+
+
+def test_a_thing_right_beside_what_is_seen_of_the_table_stands_on_it_unless_the_table_is_seen_to_end():
+    table, hidden = box((-0.4, -0.3, -0.02), (0.2, 0.3, 0.0)), box((0.26, -0.05, 0.0), (0.34, 0.05, 0.1))
+    floor = box((-2.0, -2.0, -0.8), (2.0, 2.0, -0.75))
+    eye = np.array([0.0, -0.5, 0.7])
+    for room, stands in (([table], True), ([table, floor], False)):
+        cloud, pose = depth_cloud([*room, hidden], eye)
+        tabletop = find_tabletop(cloud.transformed(pose, "world"), None, rng())
+        seen = transform_points(pose, cloud.points)[tabletop.standing]
+        assert (seen[:, 0].max(initial=-1.0) > 0.25) == stands
+
+
+def test_things_taller_than_the_cube_are_not_cut():
+    cloud, pose = depth_cloud(
+        [box((-0.5, -0.5, -0.02), (0.5, 0.5, 0.0)), box((0.0, 0.0, 0.0), (0.1, 0.1, 0.45))], np.array([0.3, -0.9, 0.8])
+    )
+    tabletop = find_tabletop(cloud.transformed(pose, "world"), None, rng())
+    heights = tabletop.cloud.points[tabletop.standing, 2] - TABLE_HEIGHT
+    assert heights.max() == pytest.approx(0.45, abs=0.01)
+
+
+def test_a_mask_limits_where_the_table_is_looked_for():
+    """A small tray on a large table carries what is in the mask."""
+    tray = box((0.25, -0.1, 0.0), (0.55, 0.2, 0.12))
+    things = [box((-0.3, -0.2, 0.0), (-0.25, -0.15, 0.06)), box((0.35, 0.0, 0.12), (0.42, 0.06, 0.18))]
+    cloud, pose = depth_cloud(
+        [box((-0.8, -0.8, -0.02), (0.8, 0.8, 0.0)), tray, *things], np.array([0.1, -0.8, 0.9]), (0.1, 0.0, 0.0)
+    )
+    world = cloud.transformed(pose, "world")
+    on_tray = ((world.points[:, :2] > (0.27, -0.08)) & (world.points[:, :2] < (0.53, 0.18))).all(axis=1)
+    assert find_tabletop(world, None, rng()).T_frame_table[2, 3] == pytest.approx(-TABLE_HEIGHT, abs=0.004)
+    masked = find_tabletop(world, None, rng(), mask=on_tray)
+    assert masked.T_frame_table[2, 3] == pytest.approx(0.12 - TABLE_HEIGHT, abs=0.004)
+
+
+@pytest.mark.parametrize(("given", "contradicts"), [(TABLE_HEIGHT, False), (TABLE_HEIGHT + 0.06, True)])
+def test_a_height_that_contradicts_the_picture_is_told_with_both_numbers(seen, given, contradicts):
+    tabletop = find_tabletop(seen.transformed(camera_pose(), "world"), given, rng())
+    assert len(tabletop.warnings) == contradicts
+    if contradicts:
+        assert "given as 0.110 m" in tabletop.warnings[0]
+        assert "seen at 0.050 m" in tabletop.warnings[0]
+    assert tabletop.support is None
 
 
 def test_an_empty_table_has_nothing_on_it():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from icgnet.errors import InputError
-from icgnet.geometry.workspace import SIZE
-from icgnet.inference.windows import STRIDE, cover, owners
+from icgnet.geometry.transforms import transform_points
+from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
+from icgnet.inference.windows import STRIDE, Window, cover, fullest_first, owners
 
 
 def scattered(width: float, depth: float, count: int = 400) -> np.ndarray:
@@ -58,6 +59,27 @@ def test_windows_without_points_in_their_core_are_left_out():
 
 def test_a_table_without_things_has_no_windows():
     assert cover(np.zeros((0, 3))) == []
+
+
+def test_a_window_of_half_the_scale_sees_twice_as_far_and_the_table_where_it_is():
+    window = Window(np.array([0.2, -0.1]), 0.5)
+    corners = np.array([[0.2, -0.1, TABLE_HEIGHT], [0.8, 0.5, TABLE_HEIGHT + 0.5]])
+    np.testing.assert_allclose(window.to_window(corners), [[0, 0, TABLE_HEIGHT], [0.3, 0.3, TABLE_HEIGHT + 0.25]])
+    np.testing.assert_allclose(transform_points(window.T_table_window, window.to_window(corners)), corners)
+    np.testing.assert_allclose(window.centre, [0.5, 0.2])
+
+
+def test_wide_windows_cover_every_point_with_fewer():
+    points = np.random.default_rng(0).uniform((0, 0, 0.06), (1.2, 0.9, 0.3), (4000, 3))
+    wide = cover(points, scale=0.5)
+    assert len(wide) < len(cover(points)) / 2
+    assert len(np.unique(np.concatenate([window.inside(points) for window in wide]))) == len(points)
+
+
+def test_with_a_budget_the_fullest_window_comes_first():
+    points = np.concatenate([np.full((5, 3), 0.1), np.full((50, 3), 0.1) + [0.6, 0.0, 0.0]])
+    windows = [Window(np.zeros(2)), Window(np.array([0.6, 0.0]))]
+    assert fullest_first(windows, points) == windows[::-1]
 
 
 def test_a_room_is_an_error_that_names_its_size():

@@ -115,4 +115,4 @@ def _is_trusted(item: Instance, close: Sequence[Instance], points: Float[np.ndar
     if (shared > PIECE * len(item.rows)).sum() < 2:
         return margin == 0.0  # nothing in a single window is cut by its border
     surety = float(np.average([other.score for other in close], weights=shared))
-    return item.score - surety + TRUST_IN_SIZE * (extents(points[item.rows])[2] - LARGE) >= margin
+    return bool(item.score - surety + TRUST_IN_SIZE * (extents(points[item.rows])[2] - LARGE) >= margin)

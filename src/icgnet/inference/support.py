@@ -321,7 +321,7 @@ class Outline:
         counts = np.zeros(cells.max(axis=0) + 1, dtype=np.int64)
         np.add.at(counts, tuple(cells.T), 1)
         # Objects and their shadows cut a table in pieces; stray points at its height elsewhere are small pieces.
-        closed = ndimage.binary_closing(np.pad(counts >= FEWEST_IN_CELL, 2), np.ones((3, 3)), iterations=2)[2:-2, 2:-2]
+        closed = ndimage.binary_closing(np.pad(counts >= FEWEST_IN_CELL, 2), np.ones((3, 3)))[2:-2, 2:-2]
         pieces = np.zeros(closed.shape, dtype=np.int32)
         ndimage.label(closed, structure=np.ones((3, 3)), output=pieces)
         sizes = np.bincount(pieces.ravel())
