@@ -2,19 +2,19 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import get_args
 
 import pytest
 
-from icgnet.benchmark.comparison import compare
+from icgnet.benchmark.comparison import FEW, MIXED, PUBLISHED, UNCOMMITTED, compare
 from icgnet.benchmark.observation import NoiseName, ViewName
-from icgnet.benchmark.published_results import RATES
-from icgnet.benchmark.report_rows import FEW, MIXED, UNCOMMITTED
 from icgnet.benchmark.reports import find_reports
 from icgnet.errors import DataError, InputError
 
 WEIGHTS = "0123456789abcdef" * 4
+DOCS = Path(__file__).parents[2] / "docs"
 HAND = {"gripper": {"name": "franka"}}
 SEARCH = {"most": 5, "resample": True}
 
@@ -75,6 +75,13 @@ def shapes(iou: float | None, chamfer: float | None, **settings: object) -> dict
     scene = {name: None if value is None else measured(value) for name, value in numbers.items()}
     counts = {"scenes": 100, "without_shape": 0 if chamfer is not None else 100}
     return on_pictures("reconstruction", {"scene": scene, **counts}, **settings)
+
+
+def latency(**values: object) -> dict[str, object]:
+    stages = {"encode": 200.0, "collision": 90.0}
+    times = {"median_ms": 300.0, "p10_ms": 250.0, "p90_ms": 400.0, "device": "cpu", "threads": 1}
+    times |= {"model": {"parameters": 3335958}, "stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
+    return on_pictures("latency", times | values, weights=None, preset="paper", input="cloud")
 
 
 @pytest.fixture
@@ -153,6 +160,13 @@ def test_two_measurements_of_the_same_are_told_apart_by_their_folders(page):
     assert second[6].startswith("80.0")
 
 
+def test_a_pile_stands_beside_packed_scenes_of_another_commit_if_there_is_one_of_each(page):
+    text = page(clutter(80.0, scene="pile", commit="bbb"), clutter(90.0), clutter(70.0, scene="pile", seed=2))
+    first, second = rows(section(text, "Camera random, noise gaussian"), "icgnet")
+    assert first[3] == "icgnet 0.1.0 (aaa), 0.1.0 (bbb)"  # packed first
+    assert [cell[:4] for cell in (first[4], first[6], second[6])] == ["90.0", "80.0", "70.0"]
+
+
 def test_published_rows_stand_in_the_table_of_their_view_and_noise_only(page):
     text = page(clutter(), clutter(view="side", noise="dex"), clutter(view="top"), clutter(noise="none"))
     (usual,) = rows(section(text, "Camera random, noise gaussian"), "ICG-Net ")
@@ -165,10 +179,32 @@ def test_published_rows_stand_in_the_table_of_their_view_and_noise_only(page):
     assert section(text, "Camera random, noise gaussian").splitlines()[3].startswith("| icgnet")  # ours first
 
 
-def test_published_rows_are_of_views_and_noises_that_we_have():
-    assert {table.view for table in RATES} <= set(get_args(ViewName))
-    assert {table.noise for table in RATES} <= set(get_args(NoiseName))
-    assert all(table.source and table.protocol and row.measured_by for table in RATES for row in table.rows)
+def test_published_rates_are_of_views_and_noises_that_we_have_once():
+    settings = [(table["view"], table["noise"]) for table in PUBLISHED["rates"]]
+    assert len(set(settings)) == len(settings)
+    assert {view for view, _ in settings} <= set(get_args(ViewName))
+    assert {noise for _, noise in settings} <= set(get_args(NoiseName))
+
+
+@pytest.mark.parametrize(
+    ("lines", "width", "measured_by"),
+    [
+        ([row for table in PUBLISHED["rates"] for row in table["rows"]], 8, 3),
+        (PUBLISHED["shapes"], 10, 3),
+        (PUBLISHED["times"], 7, 4),
+    ],
+    ids=["rates", "shapes", "times"],
+)
+def test_published_rows_have_the_cells_of_our_columns_and_say_who_measured_and_where(lines, width, measured_by):
+    assert all(len(row) == width for row in lines)
+    assert all(isinstance(cell, str) and cell for row in lines for cell in row)
+    assert all(re.fullmatch(r"[^()]+ \((ICG-Net|OrbitGrasp|EVG|NeuGraspNet), .+\)", row[measured_by]) for row in lines)
+
+
+def test_the_page_in_the_documents_is_made_of_the_reports_beside_it():
+    title, made, *others = (DOCS / "results.md").read_text(encoding="utf-8").split("\n\n")
+    assert made.startswith("Made by `icgnet benchmark report docs/results")
+    assert compare(find_reports([DOCS / "results"])) == "\n\n".join([title, *others])
 
 
 def test_nothing_was_published_for_the_strict_protocol(page):
@@ -265,12 +301,9 @@ def test_shapes_stand_beside_the_papers(page):
 def test_instances_and_times_have_sections(page):
     names = ("instance_miou", "ap50", "pq", "class_pq", "class_accuracy")
     scores = {name: measured(60.0 + index) for index, name in enumerate(names)}
-    stages = {"encode": 200.0, "collision": 90.0}
-    times = {"median_ms": 300.0, "p10_ms": 250.0, "p90_ms": 400.0, "device": "cpu", "threads": 1}
-    times |= {"model": {"parameters": 3335958}, "stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
     text = page(
         on_pictures("segmentation", {**scores, "scenes": 100}, scene="pile"),
-        on_pictures("latency", times, weights=None, preset="paper", input="cloud"),
+        latency(),
     )
     instances = rows(section(text, "Instances"), "icgnet")[0]
     assert instances[3] == "pile"
@@ -322,6 +355,13 @@ def broken(tmp_path: Path, text: str) -> Path:
         (json.dumps(clutter() | {"commits": []}), "commits must be names of at least one commit, got \\[\\]"),
         (json.dumps(clutter() | {"commits": "aaa"}), "commits must be names of at least one commit, got 'aaa'"),
         (json.dumps(clutter() | {"failures": 3}), "failures must be names with values, got 3"),
+        (json.dumps(clutter(view=["top"])), "settings.view must be a text, got \\['top'\\]"),
+        (json.dumps(clutter(scene=None)), "settings.scene must be a text, got None"),
+        (json.dumps(clutter(rounds="many")), "settings.rounds must be a whole number, got 'many'"),
+        (json.dumps(clutter() | {"lost": math.inf}), "lost must be a whole number, got inf"),
+        (json.dumps(clutter() | {"lost": 10**400}), "lost must be a whole number, got 1000"),
+        (json.dumps(latency(model={})), "this latency report has no model.parameters"),
+        ("[" * 100000, "report.json: cannot be read"),
     ],
 )
 def test_a_report_that_cannot_be_used_is_named(tmp_path, text, message):

@@ -12,7 +12,7 @@ from rich.progress import track
 from icgnet.benchmark.capture_scores import GOOD, KINDS, FrameScores, score
 from icgnet.benchmark.config import EVERY, IN_CLICKS, IN_LABELS, CapturesConfig
 from icgnet.benchmark.labelled_frames import LabelledFrame, find_frames, read_frame
-from icgnet.benchmark.published_results import CAPTURES
+from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.statistics import Spread, spread
 from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import IcgnetError
@@ -206,8 +206,8 @@ def tables(numbers: CaptureNumbers) -> list[Table]:
         Table((first, *SUPPORT, "seconds, median", "worst", "errors"), rest, title="support and time"),
     ]
     if overlaps:
-        published = [(method, *values) for method, *values, _ in CAPTURES]
-        sources = (f"{method}: {who}" for method, *_, who in CAPTURES)
+        published = [(method, *values) for method, _, _, *values in PUBLISHED["captures"]]
+        sources = (f"{method}: {who}" for method, _, who, *_ in PUBLISHED["captures"])
         printed.insert(0, Table((first, *OVERLAP), overlaps + published, OVERLAP_TITLE, (*sources, CROPPED)))
     return printed
 

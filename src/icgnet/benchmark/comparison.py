@@ -1,37 +1,39 @@
-"""Several reports beside the published tables, as one page of Markdown; every row says how it was measured."""
+"""Several reports beside the published tables, as one page of Markdown; every row says how it was measured.
 
+The cells of our rows come from the columns that each section lists: the labels say what was measured and are texts of
+a report, the values are texts of all reports of a row. Published rows are cells already, in `published.yaml`.
+"""
+
+import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
 
 from icgnet.benchmark.config import EVERY, IN_LABELS
-from icgnet.benchmark.published_results import CAPTURES, RATES, SHAPES, TIMES, PublishedTable
-from icgnet.benchmark.report_rows import (
-    NOTES,
-    Pair,
-    Row,
-    camera_and_noise,
-    in_order,
-    method_name,
-    pair_up,
-    pictures,
-    rounds,
-    rules,
-    source,
-    table,
-)
+from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.reports import StoredReport
-from icgnet.benchmark.tables import NOTHING
+from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import InputError
+from icgnet.inference.grasp_search import BEST_FEW
 
+Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
+Labels = Mapping[str, Callable[[StoredReport], str]]
+Values = Mapping[str, Callable[[Row], str]]
+
+MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
+UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
+NOTES: Mapping[str, str] = {
+    UNCOMMITTED: "made, at least in part, with source that no commit is known to hold: files had changed, or there was "
+    "no repository.",
+    FEW: f"fewer than {MANY_ROUNDS} rounds or scenes.",
+    MIXED: "packed and pile, or the rounds of one of them, were measured with different source.",
+}
+"""What the marks of a row mean."""
 SKIPPED = "nothing found"
-SECTIONS = ("clutter", "reconstruction", "segmentation", "latency", "captures")
-INTRODUCTION = """# Benchmark
-
-Ours: mean ± population standard deviation [95 % interval]. Rates vary over runs, if there are several, with Wilson's
-interval of all attempts (GSR) or all objects (DR); as those of one round are not independent, it is probably too
-narrow, above all for DR. Shapes and instances vary over scenes, with a bootstrap over them. Published: as printed.
-docs/benchmark.md explains cameras, noise and rules; where they differ, a comparison is not fair."""
+SCENES = ("packed", "pile")
 SCORES = {
     "instance_miou": "mean IoU",
     "ap50": "AP50",
@@ -39,6 +41,12 @@ SCORES = {
     "class_pq": "panoptic quality, right class",
     "class_accuracy": "class accuracy of matches",
 }
+INTRODUCTION = """# Benchmark
+
+Ours: mean ± population standard deviation [95 % interval]. Rates vary over runs, if there are several, with Wilson's
+interval of all attempts (GSR) or all objects (DR); as those of one round are not independent, it is probably too
+narrow, above all for DR. Shapes and instances vary over scenes, with a bootstrap over them. Published: as printed.
+docs/benchmark.md explains cameras, noise and rules; where they differ, a comparison is not fair."""
 
 
 def compare(reports: Sequence[StoredReport]) -> str:
@@ -48,207 +56,293 @@ def compare(reports: Sequence[StoredReport]) -> str:
         InputError: none of the reports has a place on the page.
         DataError: a report lacks something.
     """
-    of = {kind: [report for report in reports if report.kind == kind] for kind in SECTIONS}
+    writers = {
+        "clutter": (_clutter, _failures),
+        "reconstruction": (_shapes,),
+        "segmentation": (_instances,),
+        "latency": (_times,),
+        "captures": (_captures,),
+    }
+    of = {kind: [report for report in reports if report.kind == kind] for kind in writers}
     if not any(of.values()):
         kinds = ", ".join(sorted({report.kind for report in reports})) or "none"
-        raise InputError(f"there must be a report of {', '.join(SECTIONS)}; found: {kinds}")
-    clutter = in_order(of["clutter"], rules, method_name, rounds)
-    sections = [
-        *(_clutter(clutter) if clutter else []),
-        *(_failures(clutter) if clutter else []),
-        *(_shapes(of["reconstruction"]) if of["reconstruction"] else []),
-        *(_instances(of["segmentation"]) if of["segmentation"] else []),
-        *(_times(of["latency"]) if of["latency"] else []),
-        *(_captures(of["captures"]) if of["captures"] else []),
-    ]
+        raise InputError(f"there must be a report of {', '.join(writers)}; found: {kinds}")
+    sections = [write(of[kind]) for kind in writers if of[kind] for write in writers[kind]]
     notes = [f"- {mark} {text}" for mark, text in NOTES.items() if any(f" {mark}" in section for section in sections)]
-    others = [f"{report.name} ({report.kind})" for report in reports if report.kind not in SECTIONS]
+    others = [f"{report.name} ({report.kind})" for report in reports if report.kind not in writers]
     notes += [f"- Not on this page: {', '.join(others)}."] if others else []
     return "\n\n".join([INTRODUCTION, *sections, "\n".join(notes)]).rstrip() + "\n"
 
 
-def _clutter(reports: Sequence[StoredReport]) -> list[str]:
+def _clutter(reports: Sequence[StoredReport]) -> str:
     """A table for each view and noise: ours, then what was published for them."""
-    headers = ("method", "protocol", "scenes", "measured by", "packed GSR", "packed DR", "pile GSR", "pile DR")
-    sections = [
-        "## Clutter removal\n\nGSR: successes by attempts, DR: objects grasped away by objects placed, percent."
-    ]
-    seen = dict.fromkeys((report.value("settings", "view"), report.value("settings", "noise")) for report in reports)
-    for view, noise in sorted(seen, key=_published_first):
-        own = [each for each in reports if (each.settings["view"], each.settings["noise"]) == (view, noise)]
-        rows = [_rates(pair) for pair in pair_up(own, irrelevant=("opening",))]
-        if any(report.value("settings", "protocol") == "edge" for report in own):  # none was published for others
-            rows += [row for each in RATES if (each.view, each.noise) == (view, noise) for row in _published(each)]
-        sections.append(f"### Camera {view}, noise {noise}\n\n{table(headers, rows)}")
-    return sections
+    published = {(each["view"], each["noise"]): each["rows"] for each in PUBLISHED["rates"]}
+    own: dict[tuple[str, str], list[StoredReport]] = {}
+    for report in _in_order(reports, _rules, _method, _rounds):
+        own.setdefault((report.text("settings", "view"), report.text("settings", "noise")), []).append(report)
+    numbers = {f"{scene} {name.upper()}": _number(1, name, scene=scene) for scene in SCENES for name in ("gsr", "dr")}
+    parts = ["## Clutter removal\n\nGSR: successes by attempts, DR: objects grasped away by objects placed, percent."]
+    order = list(published)
+    for setting in sorted(own, key=lambda each: (order.index(each) if each in order else len(order), each)):
+        rows = _pairs(own[setting], irrelevant=("opening",))
+        edge = any(report.text("settings", "protocol") == "edge" for report in own[setting])
+        beside = published.get(setting, []) if edge else []  # none was published for other protocols
+        values = {"measured by": _source, **numbers}
+        view, noise = setting
+        parts.append(f"### Camera {view}, noise {noise}\n\n{_table(_ROUNDS, values, rows, beside)}")
+    return "\n\n".join(parts)
 
 
-def _published_first(setting: tuple[str, str]) -> tuple[int, tuple[str, str]]:
-    order = list(dict.fromkeys((each.view, each.noise) for each in RATES))
-    return (order.index(setting) if setting in order else len(order), setting)
-
-
-def _rates(pair: Pair) -> Row:
-    cells = [_spread(each, 1, name) for each in (pair.packed, pair.pile) for name in ("gsr", "dr")]
-    labels = (method_name(pair.first), rules(pair.first), rounds(pair.first))
-    return Row(labels, (source(pair.reports), *cells), pair.reports)
-
-
-def _published(printed: PublishedTable) -> list[Row]:
-    return [
-        Row(
-            (row.method, row.protocol or printed.protocol, printed.scenes),
-            (f"{row.measured_by} ({printed.source})", row.packed_gsr, row.packed_dr, row.pile_gsr, row.pile_dr),
-        )
-        for row in printed.rows
-    ]
-
-
-def _failures(reports: Sequence[StoredReport]) -> list[str]:
+def _failures(reports: Sequence[StoredReport]) -> str:
     """Causes that occur, the most frequent first."""
-    counts = {report: _causes(report) for report in reports}
-    totals = sum(counts.values(), Counter())
+    totals = sum((_causes(report) for report in reports), Counter())
     causes = sorted((cause for cause in totals if cause != SKIPPED), key=lambda cause: (-totals[cause], cause))
-    rows = [
-        Row(
-            (method_name(report), rules(report), rounds(report), str(report.value("settings", "scene"))),
-            (
-                str(report.count("attempts")),
-                str(sum(counts[report].values()) - counts[report][SKIPPED]),
-                *(str(counts[report][cause]) for cause in (*causes, SKIPPED)),
-                *(str(report.count(name)) for name in ("touching", "lost")),
-            ),
-            (report,),
-        )
-        for report in reports
-    ]
-    headers = ("method", "protocol", "scenes", "kind", "attempts", "failed", *causes, SKIPPED, "touching", "lost")
+    values = {
+        "attempts": _count("attempts"),
+        "failed": partial(_failed, causes),
+        **{cause: partial(_failed, [cause]) for cause in (*causes, SKIPPED)},
+        **{name: _count(name) for name in ("touching", "lost")},
+    }
     meaning = (
         f"Failed attempts by cause. {SKIPPED}: pictures without a grasp; touching: attempts, failed or not, in which "
         "the open hand touched anything but its target; lost: objects pushed out of the workspace."
     )
-    return [f"## Why attempts failed\n\n{meaning}\n\n{table(headers, rows)}"]
+    rows = [[report] for report in _in_order(reports, _rules, _method, _rounds)]
+    return f"## Why attempts failed\n\n{meaning}\n\n{_table({**_ROUNDS, 'kind': _scene}, values, rows)}"
+
+
+def _shapes(reports: Sequence[StoredReport]) -> str:
+    values: dict[str, Callable[[Row], str]] = {"measured by": _source}
+    for scene in SCENES:
+        values[f"{scene} IoU, %"] = _number(1, "scene", "iou", scene=scene)
+        values[f"{scene} C-L1, mm"] = _number(2, "scene", "chamfer_l1_mm", scene=scene)
+        values[f"{scene} scenes without a shape"] = _count("without_shape", scene=scene)
+    meaning = (
+        "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
+        "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
+    )
+    rows = _pairs(_in_order(reports, _camera_and_noise, _method, _pictures), irrelevant=("threads",))
+    return f"## Shapes\n\n{meaning}\n\n{_table(_PICTURES, values, rows, PUBLISHED['shapes'])}"
+
+
+def _instances(reports: Sequence[StoredReport]) -> str:
+    values = {"measured by": _source, **{f"{title}, %": _number(1, name) for name, title in SCORES.items()}}
+    rows = [[report] for report in _in_order(reports, _camera_and_noise, _method, _pictures)]
+    meaning = "We know of no published values on these scenes."
+    return f"## Instances\n\n{meaning}\n\n{_table({**_PICTURES, 'kind': _scene}, values, rows)}"
+
+
+def _times(reports: Sequence[StoredReport]) -> str:
+    labels: Labels = {
+        "method": _method,
+        "input": lambda report: f"input {report.text('settings', 'input')}",
+        "scenes": lambda report: f"{_scene(report)}, {_camera_and_noise(report)}, {_pictures(report)}",
+        "hardware": _hardware,
+    }
+    stages = dict.fromkeys(stage for report in reports for stage in report.mapping("stages_ms"))
+    values: Values = {
+        "measured by": _source,
+        "parameters": lambda row: f"{row[0].count('model', 'parameters') / 1e6:.1f} M",
+        "whole": lambda row: _milliseconds(row[0], ["p10_ms"], ["median_ms"], ["p90_ms"]),
+        **{stage: partial(_stage, stage) for stage in stages},
+    }
+    meaning = (
+        "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
+        "source defines it."
+    )
+    rows = [[report] for report in _in_order(reports, _method, _pictures)]
+    return f"## Time\n\n{meaning}\n\n{_table(labels, values, rows, PUBLISHED['times'])}"
+
+
+def _captures(reports: Sequence[StoredReport]) -> str:
+    """Overlap with label images beside published values; a row for each subset of each report."""
+    labels: Labels = {
+        "method": lambda report: f"icgnet {report.text('settings', 'weights')[:8]}",
+        "frames": lambda report: report.name,
+    }
+    names = {"P": "precision", "R": "recall", "F": "f", "boundary F": "boundary_f", "objects with F >= 0.75": "good"}
+    values: Values = {"measured by": _source, **{title: _number(1, name) for title, name in names.items()}}
+    rows = [
+        [replace(report, name=f"{report.name}: {group}", values={**report.values, **report.mapping("groups", group)})]
+        for report in sorted(reports, key=lambda each: each.name)
+        for group in report.mapping("groups")
+        if report.value("groups", group, "f") is not None
+        and (group != EVERY or IN_LABELS not in report.mapping("groups"))  # else the same twice
+    ]
+    meaning = (
+        "Overlap with label images, percent. Ours of OSD are of the version of Alexandrov, in which floor, walls and "
+        "far things are cut away. Objects, classes, grasps, support and time: report.json of each."
+    )
+    return f"## Real frames\n\n{meaning}\n\n{_table(labels, values, rows, PUBLISHED['captures'])}"
+
+
+def _table(labels: Labels, values: Values, rows: Sequence[Row], published: Sequence[Sequence[str]] = ()) -> str:
+    """Ours, then the published rows; rows that would be called the same are told apart by their folders."""
+    headers = [*labels, *values]
+    called = [[label(row[0]) for label in labels.values()] for row in rows]
+    lines = []
+    for row, (method, *others) in zip(rows, called, strict=True):
+        folders = f", in {' and '.join(each.name for each in row)}" if called.count([method, *others]) > 1 else ""
+        name = " ".join([method + folders, *_marks(row)])
+        lines.append([name, *others, *(value(row) for value in values.values())])
+    lines += [[*cells, *[NOTHING] * (len(headers) - len(cells))] for cells in published]
+    return Table(headers, lines).markdown()
+
+
+def _marks(row: Row) -> list[str]:
+    commits = {commit for report in row for commit in report.commits}
+    counted = {"clutter": "rounds", "reconstruction": "scenes", "segmentation": "scenes"}
+    found = {
+        UNCOMMITTED: any(commit is None or commit.endswith("-dirty") for commit in commits),
+        FEW: any(each.kind in counted and each.count(counted[each.kind]) < MANY_ROUNDS for each in row),
+        MIXED: len(commits) > 1,
+    }
+    return [mark for mark, is_found in found.items() if is_found]
+
+
+def _in_order(reports: Sequence[StoredReport], *labels: Callable[[StoredReport], str]) -> list[StoredReport]:
+    """Reports by what they are called; our network's first."""
+    return sorted(
+        reports,
+        key=lambda each: (each.settings.get("planner", "icgnet") != "icgnet", *(label(each) for label in labels)),
+    )
+
+
+def _pairs(reports: Sequence[StoredReport], irrelevant: Sequence[str]) -> list[list[StoredReport]]:
+    """Reports on packed scenes and on piles side by side, if their settings are the same but for irrelevant ones."""
+    groups: dict[str, list[StoredReport]] = {}
+    for report in reports:
+        kept = {name: value for name, value in report.settings.items() if name not in ("scene", *irrelevant)}
+        groups.setdefault(json.dumps(kept, sort_keys=True), []).append(report)
+    rows: list[list[StoredReport]] = []
+    for group in groups.values():
+        # One of each may come from different commits; with more of them, those of the same commit belong together.
+        repeated = len({_scene(report) for report in group}) < len(group)
+        pairs: dict[tuple[object, int], list[StoredReport]] = {}
+        earlier: Counter[object] = Counter()
+        for report in sorted(group, key=_scene):
+            commits = report.commits if repeated else None
+            alike = (commits, _scene(report))
+            pairs.setdefault((commits, earlier[alike]), []).append(report)
+            earlier[alike] += 1
+        rows += pairs.values()
+    return rows
+
+
+# Labels: what was measured.
+
+
+def _method(report: StoredReport) -> str:
+    """Planner or network, its weights, and what is unusual about its search."""
+    settings = report.settings
+    name = str(settings.get("planner", "icgnet"))
+    if settings.get("weights"):
+        name += f" {str(settings['weights'])[:8]}"
+    elif settings.get("preset"):
+        name += f", untrained preset {settings['preset']}"
+    usual = asdict(BEST_FEW)
+    search = report.mapping("settings", "search") if settings.get("search") else {}
+    unusual = [f"{key}={value}" for key, value in search.items() if usual.get(key, value) != value]
+    if settings.get("level_table") is False:
+        unusual.append("depth as measured")
+    hand = report.text("settings", "gripper", "name")
+    if hand != "franka":
+        unusual.append(f"hand {hand}")
+    return f"{name} ({', '.join(unusual)})" if unusual else name
+
+
+def _camera_and_noise(report: StoredReport) -> str:
+    return f"camera {report.text('settings', 'view')}, noise {report.text('settings', 'noise')}"
+
+
+def _rules(report: StoredReport) -> str:
+    """What counted as a success in the clutter benchmark, and how it was seen."""
+    opening = "full" if report.value("settings", "full_opening") else "as planned"
+    return f"{report.text('settings', 'protocol')}, opening {opening}; {_camera_and_noise(report)}"
+
+
+def _rounds(report: StoredReport) -> str:
+    runs, count, seed = (report.count("settings", name) for name in ("runs", "rounds", "seed"))
+    return f"{_objects(report)}, {runs} x {count} rounds, seed {seed}"
+
+
+def _pictures(report: StoredReport) -> str:
+    count, seed = (report.count("settings", name) for name in ("scenes", "seed"))
+    return f"{_objects(report)}, {count} scenes, seed {seed}"
+
+
+def _objects(report: StoredReport) -> str:
+    objects = report.text("settings", "objects")
+    return f"{report.text('settings', 'split')} objects of {Path(objects).name or objects}"
+
+
+def _scene(report: StoredReport) -> str:
+    return report.text("settings", "scene")
+
+
+def _hardware(report: StoredReport) -> str:
+    device, threads = report.text("device"), report.count("threads")
+    return f"{report.text('origin', 'processor')}, {device}, {threads} {'thread' if threads == 1 else 'threads'}"
+
+
+_ROUNDS: Labels = {"method": _method, "protocol": _rules, "scenes": _rounds}
+_PICTURES: Labels = {"method": _method, "protocol": _camera_and_noise, "scenes": _pictures}
+
+# Values: who measured, and the numbers.
+
+
+def _source(row: Row) -> str:
+    """This package, in which states."""
+    states = dict.fromkeys(
+        f"{each.text('origin', 'version')} ({commit or 'no commit'})" for each in row for commit in each.commits
+    )
+    return f"icgnet {', '.join(states)}"
+
+
+def _number(digits: int, *keys: str, scene: str | None = None) -> Callable[[Row], str]:
+    """A column of a measured number with its spread; of one kind of scene, or of rows with a single report."""
+
+    def cell(row: Row) -> str:
+        report = _of_scene(row, scene)
+        if report is None or report.value(*keys) is None:
+            return NOTHING
+        numbers = [report.number(*keys, part) for part in ("mean", "std", "low", "high")]
+        mean, std, low, high = (f"{number:.{digits}f}" for number in numbers)
+        deviation = "" if report.settings.get("runs") == 1 else f" ± {std}"  # of one run there is none
+        return NOTHING if math.isnan(numbers[0]) else f"{mean}{deviation} [{low}, {high}]"
+
+    return cell
+
+
+def _count(*keys: str, scene: str | None = None) -> Callable[[Row], str]:
+    """A column of a whole number; of one kind of scene, or of rows with a single report."""
+
+    def cell(row: Row) -> str:
+        report = _of_scene(row, scene)
+        return NOTHING if report is None else str(report.count(*keys))
+
+    return cell
+
+
+def _of_scene(row: Row, scene: str | None) -> StoredReport | None:
+    return next((report for report in row if scene in (None, _scene(report))), None)
 
 
 def _causes(report: StoredReport) -> Counter[str]:
     return Counter({cause: report.count("failures", cause) for cause in report.mapping("failures")})
 
 
-def _shapes(reports: Sequence[StoredReport]) -> list[str]:
-    headers = ("method", "protocol", "scenes", "measured by", *(f"{k} {n}" for k in ("packed", "pile") for n in _SHAPE))
-    rows = []
-    for pair in pair_up(in_order(reports, camera_and_noise, method_name, pictures), irrelevant=("threads",)):
-        values = [value for each in (pair.packed, pair.pile) for value in _shape_values(each)]
-        labels = (method_name(pair.first), camera_and_noise(pair.first), pictures(pair.first))
-        rows.append(Row(labels, (source(pair.reports), *values), pair.reports))
-    for *labels, packed_iou, packed_chamfer, pile_iou, pile_chamfer, who in SHAPES:
-        values = (packed_iou, packed_chamfer, NOTHING, pile_iou, pile_chamfer, NOTHING)
-        rows.append(Row(tuple(labels), (who, *values)))
-    meaning = (
-        "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
-        "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
-    )
-    return [f"## Shapes\n\n{meaning}\n\n{table(headers, rows)}"]
+def _failed(causes: Sequence[str], row: Row) -> str:
+    return str(sum(_causes(row[0])[cause] for cause in causes))
 
 
-_SHAPE = ("IoU, %", "C-L1, mm", "scenes without a shape")
-
-
-def _shape_values(report: StoredReport | None) -> tuple[str, ...]:
-    if report is None:
-        return (NOTHING,) * len(_SHAPE)
-    rates = (_spread(report, digits, "scene", name) for name, digits in (("iou", 1), ("chamfer_l1_mm", 2)))
-    return (*rates, str(report.count("without_shape")))
-
-
-def _instances(reports: Sequence[StoredReport]) -> list[str]:
-    headers = ("method", "protocol", "scenes", "kind", "measured by", *(f"{name}, %" for name in SCORES.values()))
-    rows = [
-        Row(
-            (method_name(report), camera_and_noise(report), pictures(report), str(report.value("settings", "scene"))),
-            (source([report]), *(_spread(report, 1, name) for name in SCORES)),
-            (report,),
-        )
-        for report in in_order(reports, camera_and_noise, method_name, pictures)
-    ]
-    return [f"## Instances\n\nWe know of no published values on these scenes.\n\n{table(headers, rows)}"]
-
-
-def _times(reports: Sequence[StoredReport]) -> list[str]:
-    stages = list(dict.fromkeys(stage for report in reports for stage in report.mapping("stages_ms")))
-    rows = [
-        Row(
-            (method_name(report), f"input {report.value('settings', 'input')}", _crowd(report), _hardware(report)),
-            (source([report]), _parameters(report), _time(report), *(_stage(report, stage) for stage in stages)),
-            (report,),
-        )
-        for report in in_order(reports, method_name, pictures)
-    ]
-    rows += [
-        Row((method, NOTHING, NOTHING, hardware), (who, parameters, milliseconds, *[NOTHING] * len(stages)))
-        for method, milliseconds, hardware, who, parameters in TIMES
-    ]
-    meaning = (
-        "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
-        "source defines it."
-    )
-    headers = ("method", "input", "scenes", "hardware", "measured by", "parameters", "whole", *stages)
-    return [f"## Time\n\n{meaning}\n\n{table(headers, rows)}"]
-
-
-def _captures(reports: Sequence[StoredReport]) -> list[str]:
-    """Overlap with label images beside published values; a row for each subset of each report."""
-    names = ("precision", "recall", "f", "boundary_f", "good")
-    rows = [
-        Row(
-            (f"icgnet {str(report.value('settings', 'weights'))[:8]}", f"{report.name}: {group}"),
-            (source([report]), *(_spread(report, 1, "groups", group, name) for name in names)),
-            (report,),
-        )
-        for report in sorted(reports, key=lambda each: each.name)
-        for group in report.mapping("groups")
-        if report.value("groups", group, "f") is not None
-        and (group != EVERY or IN_LABELS not in report.mapping("groups"))  # else the same twice
-    ]
-    rows += [Row((method, "OSD as recorded"), (who, *values)) for method, *values, who in CAPTURES]
-    meaning = (
-        "Overlap with label images, percent. Ours of OSD are of the version of Alexandrov, in which floor, walls and "
-        "far things are cut away. Objects, classes, grasps, support and time: report.json of each."
-    )
-    headers = ("method", "frames", "measured by", "P", "R", "F", "boundary F", "objects with F >= 0.75")
-    return [f"## Real frames\n\n{meaning}\n\n{table(headers, rows)}"]
-
-
-def _parameters(report: StoredReport) -> str:
-    return f"{report.mapping('model')['parameters'] / 1e6:.1f} M"
-
-
-def _crowd(report: StoredReport) -> str:
-    return f"{report.value('settings', 'scene')}, {camera_and_noise(report)}, {pictures(report)}"
-
-
-def _hardware(report: StoredReport) -> str:
-    device, threads = report.value("device"), report.number("threads")
-    return f"{report.value('origin', 'processor')}, {device}, {threads:g} {'thread' if threads == 1 else 'threads'}"
-
-
-def _time(report: StoredReport) -> str:
-    low, middle, high = (report.number(name) for name in ("p10_ms", "median_ms", "p90_ms"))
-    return f"{middle:.0f} ({low:.0f} to {high:.0f})"
-
-
-def _stage(report: StoredReport, stage: str) -> str:
-    if stage not in report.mapping("stages_ms"):
+def _stage(stage: str, row: Row) -> str:
+    if stage not in row[0].mapping("stages_ms"):
         return NOTHING
-    low, middle, high = (report.number(name, stage) for name in ("stages_p10_ms", "stages_ms", "stages_p90_ms"))
+    return _milliseconds(row[0], *([name, stage] for name in ("stages_p10_ms", "stages_ms", "stages_p90_ms")))
+
+
+def _milliseconds(report: StoredReport, *keys: Sequence[str]) -> str:
+    """Median (10th to 90th percentile), which lie under three keys: 10th, median, 90th."""
+    low, middle, high = (report.number(*each) for each in keys)
     return NOTHING if math.isnan(middle) else f"{middle:.0f} ({low:.0f} to {high:.0f})"
-
-
-def _spread(report: StoredReport | None, digits: int, *keys: str) -> str:
-    """A measured number of a report, if there is one and it is defined."""
-    value = None if report is None else report.spread(*keys)
-    if report is None or value is None:
-        return NOTHING
-    mean, std, low, high = (f"{each:.{digits}f}" for each in (value.mean, value.std, value.low, value.high))
-    deviation = "" if report.settings.get("runs") == 1 else f" ± {std}"  # of one run there is none
-    return f"{mean}{deviation} [{low}, {high}]"

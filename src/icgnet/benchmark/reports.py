@@ -2,13 +2,13 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from icgnet.benchmark.record import REPORT_FILE
-from icgnet.benchmark.statistics import Spread
 from icgnet.errors import DataError, InputError
 
 KINDS = (
@@ -25,9 +25,28 @@ KINDS = (
 """What a report can be of."""
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > sys.float_info.max
+
+
+def _are_commits(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(each, str | None) for each in value)
+
+
+_CHECKS: Mapping[str, Callable[[Any], bool]] = {
+    "a text": lambda value: isinstance(value, str),
+    "a number": lambda value: value is None or _is_number(value),
+    "a whole number": lambda value: _is_number(value) and value % 1 == 0,  # nan neither
+    "names with values": lambda value: isinstance(value, Mapping),
+    "names of at least one commit": _are_commits,
+}
+
+
 @dataclass(frozen=True, eq=False)
 class StoredReport:
-    """What one benchmark wrote.
+    """What one benchmark wrote; its readers take keys inside of keys.
+
+    All of them raise a `DataError` that names the file and the key if something is missing or of another type.
 
     Attributes:
         path: of the file.
@@ -42,11 +61,7 @@ class StoredReport:
     values: Mapping[str, Any]
 
     def value(self, *keys: str) -> Any:
-        """What lies under keys inside of keys.
-
-        Raises:
-            DataError: a key is missing.
-        """
+        """Whatever lies there."""
         found: Any = self.values
         for key in keys:
             if not isinstance(found, Mapping) or key not in found:
@@ -54,49 +69,22 @@ class StoredReport:
             found = found[key]
         return found
 
-    def number(self, *keys: str) -> float:
-        """A number under keys inside of keys; nan for one that is not defined.
+    def text(self, *keys: str) -> str:
+        """A text."""
+        return self._checked("a text", self.value(*keys), keys)
 
-        Raises:
-            DataError: a key is missing, or something else lies there.
-        """
-        value = self.value(*keys)
-        if isinstance(value, bool) or not isinstance(value, int | float | None):
-            raise DataError(f"{self.path}: {'.'.join(keys)} must be a number, got {value!r}")
+    def number(self, *keys: str) -> float:
+        """A number; nan for one that is not defined."""
+        value = self._checked("a number", self.value(*keys), keys)
         return math.nan if value is None else float(value)
 
     def count(self, *keys: str) -> int:
-        """A whole number under keys inside of keys.
-
-        Raises:
-            DataError: a key is missing, or something else lies there.
-        """
-        value = self.number(*keys)
-        if value != value // 1:  # nan neither
-            raise DataError(f"{self.path}: {'.'.join(keys)} must be a whole number, got {self.value(*keys)!r}")
-        return int(value)
+        """A whole number."""
+        return int(self._checked("a whole number", self.value(*keys), keys))
 
     def mapping(self, *keys: str) -> Mapping[str, Any]:
-        """Names and their values under keys inside of keys.
-
-        Raises:
-            DataError: a key is missing, or something else lies there.
-        """
-        value = self.value(*keys)
-        if not isinstance(value, Mapping):
-            raise DataError(f"{self.path}: {'.'.join(keys)} must be names with values, got {value!r}")
-        return value
-
-    def spread(self, *keys: str) -> Spread | None:
-        """A measured number with its spread; None for one that is not defined.
-
-        Raises:
-            DataError: a key is missing, or something else lies there.
-        """
-        if self.value(*keys) is None:
-            return None
-        spread = Spread(*(self.number(*keys, part) for part in ("mean", "std", "low", "high")))
-        return None if math.isnan(spread.mean) else spread
+        """Names and their values."""
+        return self._checked("names with values", self.value(*keys), keys)
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -105,16 +93,15 @@ class StoredReport:
 
     @property
     def commits(self) -> tuple[str | None, ...]:
-        """The sources that the numbers were made with, at least one; None stands for one that is not known.
-
-        Raises:
-            DataError: something else lies there.
-        """
+        """The sources that the numbers were made with, at least one; None stands for one that is not known."""
         # A benchmark that cannot be interrupted and resumed has no list of them.
         commits = self.values["commits"] if "commits" in self.values else [self.value("origin", "commit")]
-        if not isinstance(commits, list) or not commits or not all(isinstance(each, str | None) for each in commits):
-            raise DataError(f"{self.path}: commits must be names of at least one commit, got {commits!r}")
-        return tuple(commits)
+        return tuple(self._checked("names of at least one commit", commits, ("commits",)))
+
+    def _checked(self, wanted: str, value: Any, keys: Sequence[str]) -> Any:
+        if not _CHECKS[wanted](value):
+            raise DataError(f"{self.path}: {'.'.join(keys)} must be {wanted}, got {value!r}")
+        return value
 
 
 def find_reports(folders: Sequence[Path]) -> list[StoredReport]:
@@ -136,23 +123,14 @@ def find_reports(folders: Sequence[Path]) -> list[StoredReport]:
             raise InputError(f"{folder}: holds no {REPORT_FILE}, nor do the folders inside of it")
         for file in files:
             names.setdefault(file, str(file.parent.relative_to(root.parent)))
-    return [_read(file, _short(file, names)) for file in names]
-
-
-def _short(file: Path, names: Mapping[Path, str]) -> str:
-    """The name of a report's folder, in full where the short one means several."""
-    return names[file] if list(names.values()).count(names[file]) == 1 else str(file.parent)
+    called = list(names.values())
+    return [_read(file, name if called.count(name) == 1 else str(file.parent)) for file, name in names.items()]
 
 
 def _read(path: Path, name: str) -> StoredReport:
-    """One report.
-
-    Raises:
-        DataError: it is broken or not of a benchmark.
-    """
     try:
-        values = json.loads(path.read_text())
-    except (ValueError, OSError) as error:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError, RecursionError) as error:
         raise DataError(f"{path}: cannot be read: {error}") from error
     kind = values.get("benchmark") if isinstance(values, dict) else None
     if kind not in KINDS:
