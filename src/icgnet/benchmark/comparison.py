@@ -325,7 +325,7 @@ def _count(*keys: str, scene: str | None = None) -> Callable[[Row], str]:
 
 
 def _of_scene(row: Row, scene: str | None) -> StoredReport | None:
-    return next((report for report in row if scene in (None, _scene(report))), None)
+    return next((report for report in row if scene is None or scene == _scene(report)), None)
 
 
 def _causes(report: StoredReport) -> Counter[str]:
