@@ -291,7 +291,8 @@ SHAPE_METRICS = {
     "f_score_10mm": ("F-score 10 mm, %", 1),
 }
 """Label and digits of every field of `ShapeScores`."""
-INSTANCE_METRICS = _shape_metrics(lambda each: each.instances) | {
+INSTANCE_METRICS: dict[str, Metric[SceneScores]] = {
+    **_shape_metrics(lambda each: each.instances),
     "iou_of_visible": Metric(
         "IoU, missed = 0, %",
         lambda scenes: _of_visible(sum((shape.iou for each in scenes for shape in each.instances), 0.0), scenes),
