@@ -1,6 +1,6 @@
 """Scenes and pictures for the numbers of the network: those with which the rounds of the clutter benchmark begin."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -76,13 +76,21 @@ def load_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
     return iter(shown)
 
 
-def some(scenes: Iterable[Measured], config: PictureConfig) -> list[Measured]:
-    """The scenes that could be measured.
+def score_pictures(
+    config: PictureConfig, predictor: Predictor, score: Callable[[Picture, Prediction | None], Measured | None]
+) -> list[Measured]:
+    """What was measured on each picture of a configuration.
+
+    Args:
+        config: which pictures.
+        predictor: the network.
+        score: measures a picture and what the network made of it; None leaves the scene out.
 
     Raises:
-        InputError: there is none.
+        IcgnetError: unusable objects, or no scene that could be measured.
     """
-    measured = list(scenes)
+    results = (score(each, each.predict(predictor)) for each in load_pictures(config, predictor.gripper))
+    measured = [result for result in results if result is not None]
     if not measured:
         raise InputError(f"none of {config.scenes} scenes has an object that can be seen: ask for more scenes")
     return measured

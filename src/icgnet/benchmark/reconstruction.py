@@ -4,8 +4,8 @@ Paper: "Scene Reconstruction", with the protocol of the published code: 100,000 
 the box around the true scene, 2 cm wider. True surfaces are the visual meshes, inner walls and hidden bottoms included.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -14,9 +14,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
 from icgnet.benchmark.config import PictureConfig
-from icgnet.benchmark.pictures import Picture, load_pictures, some
+from icgnet.benchmark.pictures import Picture, score_pictures
 from icgnet.benchmark.segmentation import label_overlaps, visible_objects
-from icgnet.benchmark.statistics import Spread, cells, mean_or_none, spread
+from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spreads
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.inference.prediction import Prediction
@@ -81,14 +81,9 @@ class ReconstructionNumbers:
     """The shapes of many scenes; every spread is over the scenes.
 
     Attributes:
-        iou: mean over the scenes [percent].
-        chamfer_l1_mm: mean over the scenes with a predicted surface [mm].
-        f_score_3mm: mean over the scenes [percent].
-        f_score_10mm: mean over the scenes [percent].
-        scene: the spread of these and of their parts.
+        scene: each of `SHAPE_METRICS`, mean over the scenes; distances over those with a predicted surface.
         outer: the same against the outer true surface only.
-        per_instance: over the matched objects; `iou_of_visible` counts visible objects that were missed as 0, and
-            `found` is the share that was not missed [percent].
+        per_instance: each of `INSTANCE_METRICS`.
         scenes: with at least one object.
         without_shape: of these, scenes in which no surface was predicted.
         visible: objects with points in the clouds.
@@ -96,10 +91,6 @@ class ReconstructionNumbers:
         rows: what was measured on each scene.
     """
 
-    iou: float | None
-    chamfer_l1_mm: float | None
-    f_score_3mm: float | None
-    f_score_10mm: float | None
     scene: dict[str, Spread | None]
     outer: dict[str, Spread | None]
     per_instance: dict[str, Spread | None]
@@ -110,9 +101,6 @@ class ReconstructionNumbers:
     rows: tuple[SceneScores, ...]
 
 
-NAMES = tuple(field.name for field in fields(ShapeScores))
-
-
 def measure(config: PictureConfig) -> ReconstructionNumbers:
     """The shapes that a network predicts for the pictures of a configuration.
 
@@ -120,25 +108,15 @@ def measure(config: PictureConfig) -> ReconstructionNumbers:
         IcgnetError: unusable objects, weights or gripper, or no scene with an object that can be seen.
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
-    return summarise(some(score_shapes(predictor, load_pictures(config, predictor.gripper)), config))
+    return summarise(score_pictures(config, predictor, score_picture))
 
 
 def tables(numbers: ReconstructionNumbers) -> list[Table]:
     """What is printed."""
-    labels = {
-        "iou": ("IoU, %", 1),
-        "chamfer_l1_mm": ("Chamfer-L1, mm", 2),
-        "accuracy_mm": ("  accuracy", 2),
-        "completeness_mm": ("  completeness", 2),
-        "f_score_3mm": ("F-score 3 mm, %", 1),
-        "f_score_10mm": ("F-score 10 mm, %", 1),
-    }
-    rows = [
-        (label, *cells(numbers.scene[name], digits), *cells(numbers.per_instance[name], digits))
-        for name, (label, digits) in labels.items()
-    ]
-    rows.append(("IoU, missed = 0, %", "", "", *cells(numbers.per_instance["iou_of_visible"])))
-    rows.append(("found, %", "", "", *cells(numbers.per_instance["found"])))
+    rows = []
+    for name, metric in INSTANCE_METRICS.items():
+        scene = cells(numbers.scene[name], metric.digits) if name in SHAPE_METRICS else ("", "")
+        rows.append((metric.label, *scene, *cells(numbers.per_instance[name], metric.digits)))
     distance, share = cells(numbers.outer["chamfer_l1_mm"], 2)[0], cells(numbers.outer["f_score_3mm"])[0]
     notes = (
         f"3 mm is 1 % of the workspace. Against the outer true surface only: Chamfer-L1 {distance} mm, "
@@ -149,11 +127,9 @@ def tables(numbers: ReconstructionNumbers) -> list[Table]:
     return [Table(("± std over scenes", "scene", "95 %", "object found", "95 %"), rows, notes=notes)]
 
 
-def score_shapes(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[SceneScores]:
-    """The shapes of one picture after the other; scenes without any object are left out."""
-    for picture in pictures:
-        if len(picture.truth):
-            yield score_scene(picture.index, picture.truth, picture.predict(predictor))
+def score_picture(picture: Picture, prediction: Prediction | None) -> SceneScores | None:
+    """The shapes of one picture; None without any object."""
+    return score_scene(picture.index, picture.truth, prediction) if len(picture.truth) else None
 
 
 def score_scene(index: int, truth: TrueShapes, prediction: Prediction | None) -> SceneScores:
@@ -279,20 +255,10 @@ def _f_score(accuracy: Float[np.ndarray, "n"], completeness: Float[np.ndarray, "
 
 def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
     """The numbers of at least one scene."""
-    whole = _spreads(scenes, "scene")
-    instances = {name: spread(scenes, lambda some, name=name: _instance_mean(some, name)) for name in NAMES} | {
-        "iou_of_visible": spread(scenes, _iou_of_visible),
-        "found": spread(scenes, _found),
-    }
-    means = {name: None if (value := whole[name]) is None else value.mean for name in NAMES}
     return ReconstructionNumbers(
-        iou=means["iou"],
-        chamfer_l1_mm=means["chamfer_l1_mm"],
-        f_score_3mm=means["f_score_3mm"],
-        f_score_10mm=means["f_score_10mm"],
-        scene=whole,
-        outer=_spreads(scenes, "outer"),
-        per_instance=instances,
+        scene=spreads(_shape_metrics(lambda each: (each.scene,)), scenes),
+        outer=spreads(_shape_metrics(lambda each: (each.outer,)), scenes),
+        per_instance=spreads(INSTANCE_METRICS, scenes),
         scenes=len(scenes),
         without_shape=sum(each.scene.chamfer_l1_mm is None for each in scenes),
         visible=sum(each.visible for each in scenes),
@@ -301,24 +267,36 @@ def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
     )
 
 
-def _spreads(scenes: Sequence[SceneScores], part: str) -> dict[str, Spread | None]:
-    return {
-        name: spread(
-            scenes, lambda some, name=name: mean_or_none([getattr(getattr(each, part), name) for each in some])
-        )
-        for name in NAMES
-    }
+def _shape_metrics(shapes: Callable[[SceneScores], Sequence[ShapeScores]]) -> dict[str, Metric[SceneScores]]:
+    """The mean of every score over some shapes of the scenes."""
+
+    def mean(name: str) -> Callable[[Sequence[SceneScores]], float | None]:
+        return lambda scenes: mean_or_none([getattr(shape, name) for each in scenes for shape in shapes(each)])
+
+    return {name: Metric(label, mean(name), digits) for name, (label, digits) in SHAPE_METRICS.items()}
 
 
-def _instance_mean(scenes: Sequence[SceneScores], name: str) -> float | None:
-    return mean_or_none([getattr(shape, name) for each in scenes for shape in each.instances])
-
-
-def _iou_of_visible(scenes: Sequence[SceneScores]) -> float | None:
+def _of_visible(total: float, scenes: Sequence[SceneScores]) -> float | None:
+    """A sum by the number of visible objects."""
     visible = sum(each.visible for each in scenes)
-    return sum(shape.iou for each in scenes for shape in each.instances) / visible if visible else None
+    return total / visible if visible else None
 
 
-def _found(scenes: Sequence[SceneScores]) -> float | None:
-    visible = sum(each.visible for each in scenes)
-    return 100.0 * sum(len(each.instances) for each in scenes) / visible if visible else None
+SHAPE_METRICS = {
+    "iou": ("IoU, %", 1),
+    "chamfer_l1_mm": ("Chamfer-L1, mm", 2),
+    "accuracy_mm": ("  accuracy", 2),
+    "completeness_mm": ("  completeness", 2),
+    "f_score_3mm": ("F-score 3 mm, %", 1),
+    "f_score_10mm": ("F-score 10 mm, %", 1),
+}
+"""Label and digits of every field of `ShapeScores`."""
+INSTANCE_METRICS: dict[str, Metric[SceneScores]] = {
+    **_shape_metrics(lambda each: each.instances),
+    "iou_of_visible": Metric(
+        "IoU, missed = 0, %",
+        lambda scenes: _of_visible(sum((shape.iou for each in scenes for shape in each.instances), 0.0), scenes),
+    ),
+    "found": Metric("found, %", lambda scenes: _of_visible(100.0 * sum(len(s.instances) for s in scenes), scenes)),
+}
+"""Of the matched objects; the last two are of all visible ones."""

@@ -50,14 +50,15 @@ def write_report(out: Path | None, kind: str, config: Any, numbers: Any, **more:
         out: the folder.
         kind: what was measured.
         config: the dataclass that decided the numbers.
-        numbers: a dataclass.
+        numbers: a dataclass; one whose report has other entries than its fields has a method `report`.
         more: entries of the report.
 
     Raises:
         DataError: the system cannot write, or weights or gripper cannot be read.
     """
     if out is not None:
-        report = {"benchmark": kind, **asdict(numbers), **more, "settings": settings(config)}
+        values = numbers.report() if hasattr(numbers, "report") else asdict(numbers)
+        report = {"benchmark": kind, **values, **more, "settings": settings(config)}
         write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
 
 

@@ -5,16 +5,17 @@ none (noise) are left out, and so are objects that hardly any point was measured
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
 from icgnet.benchmark.config import PictureConfig
-from icgnet.benchmark.pictures import Picture, load_pictures, some
-from icgnet.benchmark.statistics import Spread, cells, mean_or_none, spread
+from icgnet.benchmark.pictures import Picture, score_pictures
+from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spreads
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
@@ -119,18 +120,10 @@ class SceneMasks:
 
 @dataclass(frozen=True)
 class SegmentationNumbers:
-    """The instances of many scenes, counted together [percent]; spreads are over the scenes.
+    """The instances of many scenes, counted together.
 
     Attributes:
-        instance_miou: mean best overlap of the true objects.
-        ap50: average precision of the predicted objects at an overlap of 0.5, ranked by their scores, whatever their
-            class.
-        pq: panoptic quality whatever the classes: `sq` times `rq`.
-        sq: mean overlap of the matches.
-        rq: F1 of finding objects.
-        class_pq: panoptic quality where a match must have the right class, mean over the classes.
-        class_accuracy: share of the matches with the right class.
-        class_accuracy_alternative: the same, where the class that an object could have had as well is right, too.
+        scores: each of `METRICS` [percent].
         by_object: number of times that each object was told to be of a class, or missed, by its key in the set.
         confusion: number of objects by true class, then by predicted one; "missed" and "invented" have no partner.
         scenes: with at least one object to find.
@@ -139,20 +132,18 @@ class SegmentationNumbers:
         rows: what was measured on each scene.
     """
 
-    instance_miou: Spread | None
-    ap50: Spread | None
-    pq: Spread | None
-    sq: Spread | None
-    rq: Spread | None
-    class_pq: Spread | None
-    class_accuracy: Spread | None
-    class_accuracy_alternative: Spread | None
+    scores: dict[str, Spread | None]
     by_object: dict[str, dict[str, int]]
     confusion: dict[str, dict[str, int]]
     scenes: int
     objects: int
     predicted: int
     rows: tuple[SceneMasks, ...]
+
+    def report(self) -> dict[str, Any]:
+        """The entries of the report, in which the scores lie beside the others."""
+        values = asdict(self)
+        return {**values.pop("scores"), **values}
 
 
 def measure(config: PictureConfig) -> SegmentationNumbers:
@@ -164,21 +155,12 @@ def measure(config: PictureConfig) -> SegmentationNumbers:
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
     predictor.network.config.check_classes(CLASSES, "the objects of this benchmark")
-    return summarise(some(score_masks(predictor, load_pictures(config, predictor.gripper)), config))
+    return summarise(score_pictures(config, predictor, score_picture))
 
 
 def tables(numbers: SegmentationNumbers) -> list[Table]:
     """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty rows."""
-    labels = {
-        "instance mIoU": numbers.instance_miou,
-        "AP50, ranked by the object's score": numbers.ap50,
-        "panoptic quality, any class": numbers.pq,
-        "  segmentation quality": numbers.sq,
-        "  recognition quality": numbers.rq,
-        "panoptic quality, right class": numbers.class_pq,
-        "class accuracy of the matches": numbers.class_accuracy,
-        "  or the class that the labels name as alternative": numbers.class_accuracy_alternative,
-    }
+    scores = [(metric.label, *cells(numbers.scores[name])) for name, metric in METRICS.items()]
     columns = tuple(next(iter(numbers.confusion.values())))
     counts = [
         (name, *(str(row[column] or "") for column in columns))
@@ -187,7 +169,7 @@ def tables(numbers: SegmentationNumbers) -> list[Table]:
     ]
     note = f"{numbers.objects} visible objects in {numbers.scenes} scenes; {numbers.predicted} predicted"
     return [
-        Table(("percent ± std over scenes", "all scenes", "95 %"), [(k, *cells(v)) for k, v in labels.items()]),
+        Table(("percent ± std over scenes", "all scenes", "95 %"), scores),
         Table(("true \\ predicted", *columns), counts, title="classes: number of objects", notes=(note,)),
     ]
 
@@ -209,15 +191,14 @@ def visible_objects(owners: Int[np.ndarray, "n"], objects: int) -> Bool[np.ndarr
     return np.bincount(owners[owners >= 0], minlength=objects) >= FEWEST_POINTS
 
 
-def score_masks(predictor: Predictor, pictures: Iterable[Picture]) -> Iterator[SceneMasks]:
-    """The instances of one picture after the other; scenes without any visible object are left out."""
-    for picture in pictures:
-        prediction = picture.predict(predictor)
-        if prediction is None:
-            continue
-        truth = PointOwners.of(picture.truth, prediction.cloud.points)
-        if visible_objects(truth.labels, len(picture.truth)).any():
-            yield compare_masks(picture.index, labelling(prediction), truth)
+def score_picture(picture: Picture, prediction: Prediction | None) -> SceneMasks | None:
+    """The instances of one picture; None without any visible object."""
+    if prediction is None:
+        return None
+    truth = PointOwners.of(picture.truth, prediction.cloud.points)
+    if not visible_objects(truth.labels, len(picture.truth)).any():
+        return None
+    return compare_masks(picture.index, labelling(prediction), truth)
 
 
 def labelling(prediction: Prediction) -> Labelling:
@@ -272,21 +253,8 @@ def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np
 
 def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
     """The numbers of at least one scene."""
-
-    def percent(number: Callable[[Sequence[SceneMasks]], float | None]) -> Spread | None:
-        return spread(scenes, lambda some: None if (value := number(some)) is None else 100.0 * value)
-
     return SegmentationNumbers(
-        instance_miou=percent(lambda some: mean_or_none([iou for each in some for iou in each.best_ious])),
-        ap50=percent(_average_precision),
-        pq=percent(lambda some: panoptic_quality(some)[0]),
-        sq=percent(lambda some: panoptic_quality(some)[1] or None),  # not defined without any match
-        rq=percent(lambda some: panoptic_quality(some)[2]),
-        class_pq=percent(class_panoptic_quality),
-        class_accuracy=percent(lambda some: mean_or_none([float(m.right) for each in some for m in each.matches])),
-        class_accuracy_alternative=percent(
-            lambda some: mean_or_none([float(m.defensible) for each in some for m in each.matches])
-        ),
+        scores=spreads(METRICS, scenes),
         by_object=by_object(scenes),
         confusion=confusion(scenes),
         scenes=len(scenes),
@@ -303,13 +271,13 @@ def _average_precision(scenes: Sequence[SceneMasks]) -> float:
 
 def panoptic_quality(scenes: Sequence[SceneMasks]) -> tuple[float, float, float]:
     """Panoptic, segmentation and recognition quality, whatever the classes, each from 0 to 1."""
-    ious = [match.iou for each in scenes for match in each.matches]
+    ious = [match.iou for match in _matches(scenes)]
     return _qualities(ious, sum(len(each.missed) + len(each.invented) for each in scenes))
 
 
 def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
     """Panoptic quality where a match needs the right class, mean over the classes that are true or predicted."""
-    matches = [match for each in scenes for match in each.matches]
+    matches = _matches(scenes)
     wrong = [name for each in scenes for name in (*(true.class_name for true in each.missed), *each.invented)]
     qualities = []
     for name in CLASSES:
@@ -351,3 +319,33 @@ def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
         for name in each.invented:
             table["invented"][name] += 1
     return table
+
+
+def _metric(label: str, share: Callable[[Sequence[SceneMasks]], float | None]) -> Metric[SceneMasks]:
+    """A share of 1, as a number in percent."""
+    return Metric(label, lambda scenes: None if (value := share(scenes)) is None else 100.0 * value)
+
+
+def _matches(scenes: Sequence[SceneMasks]) -> list[Match]:
+    return [match for each in scenes for match in each.matches]
+
+
+METRICS = {
+    "instance_miou": _metric(
+        "instance mIoU", lambda scenes: mean_or_none([i for one in scenes for i in one.best_ious])
+    ),
+    "ap50": _metric("AP50, ranked by the object's score", _average_precision),
+    "pq": _metric("panoptic quality, any class", lambda scenes: panoptic_quality(scenes)[0]),
+    # Not defined without any match.
+    "sq": _metric("  segmentation quality", lambda scenes: panoptic_quality(scenes)[1] or None),
+    "rq": _metric("  recognition quality", lambda scenes: panoptic_quality(scenes)[2]),
+    "class_pq": _metric("panoptic quality, right class", class_panoptic_quality),
+    "class_accuracy": _metric(
+        "class accuracy of the matches", lambda scenes: mean_or_none([float(m.right) for m in _matches(scenes)])
+    ),
+    "class_accuracy_alternative": _metric(
+        "  or the class that the labels name as alternative",
+        lambda scenes: mean_or_none([float(m.defensible) for m in _matches(scenes)]),
+    ),
+}
+"""What is measured; AP50 whatever the class, and a match of `class_pq` must have the right one."""

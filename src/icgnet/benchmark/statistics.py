@@ -1,8 +1,8 @@
 """How sure a number is that was measured on a few scenes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,26 @@ class Spread:
     std: float
     low: float
     high: float
+
+
+@dataclass(frozen=True)
+class Metric(Generic[SceneT]):
+    """A number that a benchmark measures.
+
+    Attributes:
+        label: in tables, with the unit.
+        number: of any collection of scenes; None where it is not defined.
+        digits: behind the point, in tables.
+    """
+
+    label: str
+    number: Callable[[Sequence[SceneT]], float | None]
+    digits: int = 1
+
+
+def spreads(metrics: Mapping[str, Metric[SceneT]], scenes: Sequence[SceneT]) -> dict[str, Spread | None]:
+    """The spread of every metric over some scenes, by its name."""
+    return {name: spread(scenes, metric.number) for name, metric in metrics.items()}
 
 
 def spread(scenes: Sequence[SceneT], number: Callable[[Sequence[SceneT]], float | None]) -> Spread | None:
