@@ -46,7 +46,7 @@ from icgnet.settings import check_choice
 
 MOST_OBJECTS = 64
 """The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
-MOST_RESAMPLED = 8
+MOST_RESAMPLED = 24
 """The largest so many objects are asked for points of their predicted surface."""
 ENCODING_SHARE, RESAMPLING_SHARE = 0.6, 0.7
 """With a budget, so much of it may be used up before the last windows are encoded and unseen sides are looked at."""
