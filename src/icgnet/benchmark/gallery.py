@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, zip_longest
 from pathlib import Path
 
@@ -10,20 +10,11 @@ import numpy as np
 
 from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_index, title
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
-from icgnet.benchmark.config import OUR_NETWORK, ClutterConfig
+from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
-from icgnet.benchmark.rounds import (
-    NOTHING_FOUND,
-    PLANNER,
-    Attempt,
-    Round,
-    Shot,
-    carry_out,
-    look,
-    random_stream,
-)
+from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, look
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
@@ -31,7 +22,6 @@ from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.output_folder import output_folder
 from icgnet.simulation.scene import PlacedObject, Scene
-from icgnet.simulation.workcell import Workcell
 from icgnet.viewer.attempt_picture import (
     PANEL,
     AttemptScene,
@@ -55,21 +45,12 @@ class Replay:
         truth: the shapes that stood there.
         observation: what the planner saw.
         plan: what it made of that.
-        believed: where nothing was found, what the planner would make of it if it took any score; None if unknown.
-        left_out: what would have come of the first grasp of that.
     """
 
     shot: Shot
     truth: TrueShapes
     observation: Observation
     plan: Plan
-    believed: Plan | None = None
-    left_out: Attempt | None = None
-
-    @property
-    def shown(self) -> Attempt | None:
-        """The attempt whose hand is drawn."""
-        return self.shot if isinstance(self.shot, Attempt) else self.left_out
 
 
 def cause_of(shot: Shot) -> str:
@@ -109,25 +90,6 @@ def look_again(config: ClutterConfig, shot: Shot, planner: Planner, object_set: 
     return Replay(shot, TrueShapes(scene, object_set), observation, planner.plan(observation))
 
 
-def with_left_out(
-    seen: Replay, config: ClutterConfig, believer: Planner, object_set: ObjectSet, gripper: Gripper
-) -> Replay:
-    """The replay of a picture in which nothing was found with what a planner that believes in more makes of it.
-
-    Its first grasp is carried out, by the rules of the benchmark.
-    """
-    shot = seen.shot
-    # The draws of the plan that found nothing, once more.
-    draws = random_stream(config, shot.run, shot.round, PLANNER, shot.attempt)
-    plan = believer.plan(replace(seen.observation, rng=draws))
-    if len(plan) == 0:
-        return replace(seen, believed=plan)
-    scene = seen.truth.scene
-    cell = Workcell(scene, object_set, gripper)
-    left_out = carry_out(config, cell, seen.shot, plan, scene, object_set, gripper, plan_seconds=float("nan"))
-    return replace(seen, believed=plan, left_out=left_out)
-
-
 def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
     """What the picture of a replay shows, in panels of this height and width [pixels]."""
     shot, cloud = seen.shot, seen.observation.cloud
@@ -140,13 +102,13 @@ def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
             PredictedObject(item.mesh(), item.instance_id, object_name(item), item.points)
             for item in prediction.objects
         )
-    grasp, shown = None, seen.shown
-    if shown is not None:
-        marks = meeting_points(shown, seen.truth, seen.observation)
-        grasp = DrawnGrasp(np.array(shown.pose), shown.opening, seen.observation.gripper, marks, shown is shot)
+    grasp = None
+    if isinstance(shot, Attempt):
+        marks = meeting_points(shot, seen.truth, seen.observation)
+        grasp = DrawnGrasp(np.array(shot.pose), shot.opening, seen.observation.gripper, marks)
     return AttemptScene(
         title(shot),
-        story(shot, seen.truth, seen.observation, seen.plan, seen.believed, seen.left_out),
+        story(shot, seen.truth, seen.observation, seen.plan),
         _true_objects(seen),
         predicted,
         cloud,
@@ -184,14 +146,11 @@ def draw_gallery(
     """
     shots = worst(read_rounds(out / ROUNDS_FILE), count)
     planner, object_set, gripper = load_planner(config), load_object_set(config.objects), load_gripper(config.gripper)
-    believer = load_planner(_believing_all(config)) if config.planner == OUR_NETWORK else None
     on_picture(0, len(shots))
     with output_folder(out / GALLERY_FOLDER, INDEX_FILE) as folder:
         index = []
         for number, shot in enumerate(shots):
             seen = look_again(config, shot, planner, object_set, gripper)
-            if believer is not None and not isinstance(shot, Attempt):
-                seen = with_left_out(seen, config, believer, object_set, gripper)
             scene = draw_replay(seen, panel)
             name = f"{number:02d}_{cause_of(shot).replace(' ', '-')}_{shot.run}-{shot.round}-{shot.attempt}.png"
             attempt_picture(scene).save(folder / name)
@@ -202,21 +161,16 @@ def draw_gallery(
     return out / GALLERY_FOLDER
 
 
-def _believing_all(config: ClutterConfig) -> ClutterConfig:
-    """The same with the network's planner without a least score."""
-    return replace(config, search=replace(config.search, min_score=0.0))
-
-
 def _true_objects(seen: Replay) -> tuple[TrueObject, ...]:
-    shown = seen.shown
-    target, touched = -1, []
-    if shown is not None:
-        target, touched = target_index(shown, seen.truth, seen.observation.gripper), shown.touched
+    shot = seen.shot
+    grasped = isinstance(shot, Attempt)
+    target = target_index(shot, seen.truth, seen.observation.gripper) if isinstance(shot, Attempt) else -1
+    touched = shot.touched if isinstance(shot, Attempt) else []
     objects = []
-    for index, (name, mesh) in enumerate(zip(seen.shot.scene, seen.truth.meshes, strict=True)):
+    for index, (name, mesh) in enumerate(zip(shot.scene, seen.truth.meshes, strict=True)):
         role: Role = "target" if index == target else "touched" if name in touched else "other"
         label = f"{plain(name)} ({seen.truth.classes[index]})"
-        if shown is not None:
+        if grasped:
             # Of many names, those that matter would not be seen.
             label = "" if role == "other" else f"{role}: {plain(name)}"
         objects.append(TrueObject(mesh, role, label))
