@@ -235,7 +235,7 @@ class Predictor:
         found = [
             item
             for item in made_out
-            if tabletop.support is None or not is_background(points[item.rows], item.bodies[0].score)
+            if tabletop.support is None or not is_background(points[item.rows], item.bodies[0].score, len(points))
         ]
         left_out = {
             "windows": windows_left_out,

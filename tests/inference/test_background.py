@@ -30,4 +30,11 @@ def test_extents_are_along_the_principal_axes():
     ids=["doubted wave", "flat thing", "doubted thing", "wall", "short board", "large box", "stick on the table"],
 )
 def test_waves_and_walls_are_no_objects(size, score, background):
-    assert is_background(slab(*size), score) == background
+    assert is_background(slab(*size), score, 100_000) == background
+
+
+def test_a_low_speck_is_no_object_and_a_high_one_is():
+    low, high = slab(0.02, 0.02, 0.01)[:60], slab(0.02, 0.02, 0.05)[:60]
+    assert is_background(low, 0.99, 100_000)
+    assert not is_background(high, 0.99, 100_000)
+    assert not is_background(low, 0.99, 19_200)

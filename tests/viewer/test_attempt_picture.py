@@ -71,13 +71,6 @@ def test_every_panel_shows_the_hand(scene):
         assert hued(bare, module.HAND_COLOUR) == 0
 
 
-def test_a_grasp_that_was_left_out_has_another_colour(scene):
-    left_out = panels(replace(scene, grasp=replace(scene.grasp, executed=False)))
-    for panel in left_out:
-        assert hued(panel, module.LEFT_OUT_COLOUR) > 200
-        assert hued(panel, module.HAND_COLOUR) == 0
-
-
 def test_a_predicted_shape_is_seen_around_and_inside_of_the_true_one(scene):
     colour = instance_colour(2)
     for edge in (1.2 * EDGE, 0.8 * EDGE):

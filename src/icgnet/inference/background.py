@@ -1,4 +1,4 @@
-"""Things that are no objects, told by their shape: waves in the depth of a table, walls of bins and edges of tables.
+"""Things that are no objects, told by their shape: waves in the depth of a table, specks, walls of bins, edges.
 
 The network has learned from scenes that hold nothing but objects.
 """
@@ -10,6 +10,9 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 
 DOUBTED, WAVE_HEIGHT = 0.75, 0.02
 """What the network doubts, by its score, and rises less than this above the table [m], is a wave in its depth."""
+SPECK, SPECK_HEIGHT = 0.0008, 0.025
+"""Nor is anything an object that has less than this share of all points (250 pixels of 640 x 480) and rises less than
+this above the table [m]: an edge of a shadow, a smear at the foot of something."""
 WALL_LENGTH, WALL_WIDTH, WALL_THICKNESS, WALL_HEIGHT = 0.30, 0.20, 0.04, 0.03
 """What is longer than this, narrower and thinner than these and higher above the table [m] is a wall or an edge."""
 EXTENT_POINTS = 1500
@@ -18,15 +21,16 @@ STRAYS = 0.03
 """Share of the points at each end of an extent that may be strays."""
 
 
-def is_background(points: Float[np.ndarray, "n 3"], score: float) -> bool:
+def is_background(points: Float[np.ndarray, "n 3"], score: float, measured: int) -> bool:
     """Whether something found on a table is a part of the table or of what encloses it.
 
     Args:
         points: what is seen of it, table frame [m].
         score: how sure the network is that it is an object.
+        measured: points of the whole scene.
     """
     top = float(np.quantile(points[:, 2], 1.0 - STRAYS)) - TABLE_HEIGHT
-    if score < DOUBTED and top < WAVE_HEIGHT:
+    if (score < DOUBTED and top < WAVE_HEIGHT) or (len(points) < SPECK * measured and top < SPECK_HEIGHT):
         return True
     thickness, width, length = extents(points)
     return bool(length > WALL_LENGTH and width < WALL_WIDTH and thickness < WALL_THICKNESS and top > WALL_HEIGHT)

@@ -32,7 +32,7 @@ LINE_HEIGHT = 26
 LEGEND_HEIGHT = 44
 
 ROLE_COLOURS = {"target": (0.40, 0.42, 0.46), "touched": (0.86, 0.42, 0.38), "other": (0.70, 0.71, 0.74)}
-HAND_COLOUR, LEFT_OUT_COLOUR = (0.24, 0.66, 0.30), (0.93, 0.72, 0.12)
+HAND_COLOUR = (0.24, 0.66, 0.30)
 TRUE_OPACITY, PREDICTED_OPACITY, PALM_OPACITY = 0.4, 0.75, 0.15
 """Of true and predicted shapes, so that one is seen inside of the other, and of the palm."""
 LOWEST, SIDE, ABOVE = np.deg2rad(8.0), np.deg2rad(20.0), np.deg2rad(89.0)
@@ -81,19 +81,12 @@ class DrawnGrasp:
         opening: between its pads [m].
         gripper: the hand.
         marks: points in the world that are marked in red: where the hand meets something [m].
-        executed: false for a grasp that the planner left out.
     """
 
     T_world_grasp: Float[np.ndarray, "4 4"]
     opening: float
     gripper: Gripper
     marks: Float[np.ndarray, "k 3"]
-    executed: bool = True
-
-    @property
-    def colour(self) -> tuple[float, float, float]:
-        """Of the hand."""
-        return HAND_COLOUR if self.executed else LEFT_OUT_COLOUR
 
     @property
     def outline(self) -> Float[np.ndarray, "k 3"]:
@@ -182,8 +175,7 @@ def _legend(scene: AttemptScene) -> list[tuple[str, tuple[float, float, float]]]
     if scene.shapes:
         entries.append(("predicted shapes (see-through, a colour each)", instance_colour(scene.shapes[0].instance_id)))
     if scene.grasp is not None:
-        name = "hand" if scene.grasp.executed else "the best grasp that was left out"
-        entries.append((name, scene.grasp.colour))
+        entries.append(("hand", HAND_COLOUR))
         if len(scene.grasp.marks):
             entries.append(("where the hand meets something", MARK))
     return entries
@@ -218,7 +210,7 @@ def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
     azimuth = float(np.arctan2(outward[1], outward[0]))
     elevation = max(float(np.arcsin(np.clip(outward[2], -1.0, 1.0))), LOWEST)
     view = framing_view(np.concatenate([*near, grasp.outline]), azimuth, elevation, scene.panel, margin=0.07)
-    hand = whole_hand_triangles(grasp.gripper, grasp.T_world_grasp, grasp.opening, grasp.colour, PALM_OPACITY)
+    hand = whole_hand_triangles(grasp.gripper, grasp.T_world_grasp, grasp.opening, HAND_COLOUR, PALM_OPACITY)
     drawn = join([_true_shapes(scene), _predicted(scene), hand])
     return draw_scene(SceneDrawing(drawn, (), view, _table(scene), grasp.marks), scene.panel)
 
@@ -230,7 +222,7 @@ def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
         grasp.T_world_grasp,
         grasp.gripper,
         grasp.opening,
-        grasp.colour,
+        HAND_COLOUR,
         [*true, *predicted],
         scene.cloud.points,
         instance_colours(scene.cloud_instances),
@@ -255,7 +247,7 @@ def _slim_hand(scene: AttemptScene) -> Triangles:
     grasp = scene.grasp
     if grasp is None:
         return join([])
-    return hand_triangles(grasp.gripper, grasp.T_world_grasp, grasp.opening, grasp.colour)
+    return hand_triangles(grasp.gripper, grasp.T_world_grasp, grasp.opening, HAND_COLOUR)
 
 
 def _marks(scene: AttemptScene) -> Float[np.ndarray, "k 3"]:
