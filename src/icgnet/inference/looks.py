@@ -60,7 +60,7 @@ class SceneObject:
 
 def needs_wide_look(close: Sequence[Instance], windows: int) -> bool:
     """Whether there may be objects that the closer look does not know whole: in several windows, or doubted ones."""
-    return windows > 1 or any(item.score < DOUBTED for item in close)
+    return windows != 1 or any(item.score < DOUBTED for item in close)
 
 
 def agree(
