@@ -2,10 +2,12 @@
 
 import itertools
 import json
+import multiprocessing
 
 import pytest
 import torch
 
+import icgnet.studies.training_speed as training_speed
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.generate import GenerateConfig, generate
@@ -22,6 +24,7 @@ from icgnet.studies.training_speed import (
     measure,
 )
 from icgnet.training.config import TRAININGS
+from icgnet.training.loop import Trainer
 from launch import icgnet_together, output_of
 
 
@@ -58,6 +61,21 @@ def test_the_loader_has_a_process_of_its_own_even_if_the_preset_has_none(speed):
     assert TRAININGS["tiny"].workers == 0
     assert speed.workers == 1
     assert speed.loader.visits == 2
+
+
+def test_no_process_of_the_loader_is_forked_after_rays_were_traced_here(scenes, monkeypatch):
+    # It could wait for ever for threads that the fork does not have.
+    events = []
+    make_batches, time_visits = Trainer.batches, training_speed.time_visits
+    monkeypatch.setattr(Trainer, "batches", lambda trainer: events.append("fork") or make_batches(trainer))
+
+    def trace(dataset, visits):
+        events.append(f"rays beside {len(multiprocessing.active_children())} processes")
+        return time_visits(dataset, visits)
+
+    monkeypatch.setattr(training_speed, "time_visits", trace)
+    measure(TrainingSpeedConfig(data=(scenes,), preset="tiny", batch=1, steps=1))
+    assert events == ["fork", "rays beside 0 processes"]
 
 
 def grid_products(preset: str) -> int:

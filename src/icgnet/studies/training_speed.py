@@ -111,11 +111,6 @@ def measure(config: TrainingSpeedConfig) -> TrainingSpeedNumbers | None:
     dataset = load_dataset(config.data, config.objects, training)
     fabric = join_processes(config.accelerator)
     check_same(fabric, to_agree_on(training, dataset.recipes) | {"timed_steps": steps})
-    loader = None
-    if fabric.is_global_zero:
-        torch.set_num_threads(1)
-        loader = time_visits(dataset, steps * training.batch)
-    fabric.barrier()
     torch.set_num_threads(training.threads)
     with TemporaryDirectory() as folder:
         trainer = Trainer(training, fabric, dataset, [], Path(folder), lambda line: None)
@@ -125,8 +120,13 @@ def measure(config: TrainingSpeedConfig) -> TrainingSpeedNumbers | None:
     modules = [_time_modules(trainer, next(batches), clock) for _ in range(min(steps, MODULE_STEPS))]
     seconds = sum(step[STEP] for step in timed)
     scenes_per_second = float(total(fabric, torch.tensor(steps * training.batch / seconds, dtype=torch.float64)))
-    if loader is None:
+    del batches  # ends the loader's processes
+    fabric.barrier()
+    if not fabric.is_global_zero:
         return None
+    # Rays are traced on threads, which a loader's process that is forked later would wait for in vain: so this is last.
+    torch.set_num_threads(1)
+    loader = time_visits(dataset, steps * training.batch)
     return TrainingSpeedNumbers(
         step_ms=_quantiles(timed, 1e3 / training.batch),
         module_ms=_quantiles(modules, 1e3 / training.batch),
@@ -139,7 +139,7 @@ def measure(config: TrainingSpeedConfig) -> TrainingSpeedNumbers | None:
         waiting_share=sum(step[WAITING] for step in timed) / seconds,
         steps=steps,
         batch=training.batch,
-        threads=torch.get_num_threads(),
+        threads=training.threads,
         workers=training.workers,
         processes=fabric.world_size,
         device=str(fabric.device),
