@@ -1,13 +1,23 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
+from icgnet.objects.kinds import KINDS
 from icgnet.objects.object_set import load_object_set
 from icgnet.studies.config import SimulationConfig
-from icgnet.studies.simulation import PUBLISHED, measure_agreement, measure_creep, measure_scenes, measure_traces
+from icgnet.studies.simulation import (
+    PUBLISHED,
+    SimulationNumbers,
+    measure_agreement,
+    measure_creep,
+    measure_scenes,
+    measure_traces,
+    tables,
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +48,29 @@ def test_the_label_filter_agrees_with_the_whole_physics(procedural):
 
 @pytest.mark.parametrize("name", ["scenes", "trials"])
 def test_counts_below_one_are_refused(name):
+    zero: dict[str, Any] = {name: 0}
     with pytest.raises(InputError, match=f"{name} must be at least 1, got 0"):
-        SimulationConfig(objects=Path("vgn"), **{name: 0})
+        SimulationConfig(objects=Path("vgn"), **zero)
 
 
 def test_reference_grasps_need_their_objects(procedural):
     with pytest.raises(InputError, match="packed/chips_can"):
         measure_traces(procedural, load_gripper())
+
+
+def test_published_values_stand_beside_ours_of_the_same_kind(procedural):
+    scenes = {kind: measure_scenes(kind, procedural, "val", 1, seed=0) for kind in KINDS}
+    _, table, _ = tables(SimulationNumbers((), {}, scenes, {}))
+    assert table.headers == ("scenes of five objects", "packed", "published", "pile", "published")
+    rows = {label: cells for label, *cells in table.rows}
+    assert rows["placed, mean"] == [
+        f"{scenes['packed']['placed']:.2f}",
+        "3.60",
+        f"{scenes['pile']['placed']:.2f}",
+        "4.48",
+    ]
+    assert rows["rejected share of attempts"][1::2] == ["0.67", "-"]
+    assert "0.37 a scene" in table.notes[0]
 
 
 @pytest.mark.slow

@@ -57,6 +57,11 @@ def test_the_modules_of_the_network_are_timed(speed):
     assert all(times.p10 > 0 for times in speed.module_ms.values())
 
 
+def test_a_module_that_a_step_does_not_call_took_no_time_there():
+    found = training_speed._quantiles([{"dense": 2.0}, {"dense": 4.0, "grasps": 1.0}], 10.0)
+    assert {name: times.mean for name, times in found.items()} == {"dense": 30.0, "grasps": 5.0}
+
+
 def test_the_loader_has_a_process_of_its_own_even_if_the_preset_has_none(speed):
     assert TRAININGS["tiny"].workers == 0
     assert speed.workers == 1

@@ -67,7 +67,7 @@ class SimulationNumbers:
     Attributes:
         traces: the published grasps.
         creep: of every object that can be held, by name.
-        scenes: each of `SCENE_NUMBERS` for both kinds.
+        scenes: what `measure_scenes` finds for both kinds.
         agreement: each of `AGREEMENT_NUMBERS`.
     """
 
@@ -131,14 +131,15 @@ def measure_creep(object_set: ObjectSet, split: Split, gripper: Gripper) -> dict
 
 
 def measure_scenes(kind: Kind, object_set: ObjectSet, split: Split, scenes: int, seed: int) -> dict[str, Any]:
-    """Makes random scenes of five objects and finds `SCENE_NUMBERS`.
+    """Makes random scenes of five objects; `SCENE_NUMBERS`, and how many scenes have 0, 1, ... objects.
 
     Raises:
         InputError: the object set has nothing for this kind and split.
     """
     streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(scenes))
     spawns = [spawn(kind, object_set, split, stream, OBJECTS, watch_speed=True) for stream in streams]
-    return evaluate(SCENE_NUMBERS, spawns)
+    placed = np.bincount([len(each.scene.objects) for each in spawns], minlength=OBJECTS + 1)
+    return evaluate(SCENE_NUMBERS, spawns) | {"placed_histogram": tuple(placed.tolist())}
 
 
 def measure_agreement(object_set: ObjectSet, split: Split, gripper: Gripper, trials: int, seed: int) -> dict[str, Any]:
@@ -181,10 +182,6 @@ def _decide_twice(
     return rows
 
 
-def _histogram(spawns: Sequence[Spawn]) -> tuple[int, ...]:
-    return tuple(np.bincount([len(each.scene.objects) for each in spawns], minlength=OBJECTS + 1).tolist())
-
-
 def _tilted(spawns: Sequence[Spawn]) -> float | None:
     """Share of the objects whose z axis is tilted; of interest where they were stood up."""
     upright = [placed.T_world_object[2, 2] for each in spawns for placed in each.scene.objects]
@@ -194,7 +191,6 @@ def _tilted(spawns: Sequence[Spawn]) -> float | None:
 SCENE_NUMBERS: dict[str, Number[Sequence[Spawn]]] = {
     "scenes": Number("scenes", len, "d"),
     "placed": Number("placed, mean", lambda spawns: mean(len(each.scene.objects) for each in spawns)),
-    "placed_histogram": Number("scenes with 0, 1, ... objects", _histogram, ""),
     "attempts": Number("attempts, mean", lambda spawns: mean(each.attempts for each in spawns)),
     "rejected": Number(
         "rejected share of attempts", lambda spawns: sum(s.rejected for s in spawns) / sum(s.attempts for s in spawns)
