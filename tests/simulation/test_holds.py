@@ -3,7 +3,7 @@ import pytest
 from icgnet.objects.object_set import load_object_set
 from icgnet.simulation.config import Physics
 from icgnet.simulation.holds import hold_from_above
-from icgnet.studies.published import TRACE_RISE, TRACE_STANDOFF, TRACES
+from icgnet.studies.simulation import PUBLISHED
 
 
 @pytest.mark.parametrize("edges", [(0.03, 0.05, 0.1), (0.06, 0.07, 0.15), (0.008, 0.05, 0.06)])
@@ -28,11 +28,11 @@ def test_a_slippery_box_slips(box, gripper):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("published", TRACES, ids=lambda trace: trace.name)
+@pytest.mark.parametrize("published", PUBLISHED["traces"], ids=lambda trace: trace["name"])
 def test_reference_grasps_end_as_in_the_published_simulation(vgn_objects, gripper, published):
-    model = load_object_set(vgn_objects).model(published.name)
-    hold = hold_from_above(model, published.scale, gripper, Physics(), duration=5.0)
+    model = load_object_set(vgn_objects).model(published["name"])
+    hold = hold_from_above(model, published["scale"], gripper, Physics(), duration=5.0)
     assert hold.is_held
-    assert hold.lifted == pytest.approx(published.width - TRACE_STANDOFF, abs=0.003)
-    assert hold.rise == pytest.approx(TRACE_RISE, abs=0.01)
+    assert hold.lifted == pytest.approx(published["width"] - PUBLISHED["trace_standoff"], abs=0.003)
+    assert hold.rise == pytest.approx(PUBLISHED["trace_rise"], abs=0.01)
     assert hold.creep < 0.002

@@ -60,8 +60,8 @@ class LabelCeilingConfig:
 
 
 @dataclass(frozen=True)
-class LoaderConfig:
-    """How many scenes a second one core makes ready for training."""
+class TrainingScenes:
+    """Scenes as a training preset reads them."""
 
     data: tuple[Path, ...]
     """Folders that `icgnet generate` wrote; they name the hand."""
@@ -69,6 +69,12 @@ class LoaderConfig:
     """The object sets that the scenes were made of."""
     preset: Literal["tiny", "cpu", "paper"] = "cpu"
     """Training preset."""
+
+
+@dataclass(frozen=True)
+class LoaderConfig(TrainingScenes):
+    """How many scenes a second one core makes ready for training."""
+
     visits: int = 60
     """Visits to time."""
 
@@ -78,18 +84,12 @@ class LoaderConfig:
 
 
 @dataclass(frozen=True)
-class TrainingSpeedConfig:
+class TrainingSpeedConfig(TrainingScenes):
     """Where the time of a training step goes, how many scenes a second are trained, and the FLOPs of a scene.
 
     Started by torchrun, all processes train together.
     """
 
-    data: tuple[Path, ...]
-    """Folders that `icgnet generate` wrote; they name the hand."""
-    objects: tuple[str, ...] = ("procedural",)
-    """The object sets that the scenes were made of."""
-    preset: Literal["tiny", "cpu", "paper"] = "cpu"
-    """Training preset."""
     steps: int = 20
     """Steps to time, after up to 16 that are not: their FLOPs are counted."""
     network: Literal["tiny", "default", "paper"] | None = None

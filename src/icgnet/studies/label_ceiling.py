@@ -4,7 +4,9 @@ A trial is jittered, and mass and friction are unknown to the camera, so grasps 
 and fail once. No network can know which; this is the best that one could do that knew every chance.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,7 +16,7 @@ from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.label_scene import scene_rng
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.objects.kinds import KINDS, Kind, Split
+from icgnet.objects.kinds import KINDS, Kind
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.physics import Body
@@ -22,62 +24,43 @@ from icgnet.simulation.scene import world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Trials
 from icgnet.studies.config import LabelCeilingConfig
+from icgnet.studies.measured import Number, evaluate, mean, table
 from icgnet.training.metrics import best_f1
 
-
-@dataclass(frozen=True)
-class LabelCeiling:
-    """What scores can reach that are the success rates of the other repeats.
-
-    Attributes:
-        kind: "packed" or "pile".
-        scenes: with at least one object.
-        trials: contacts times angles, over the scenes.
-        repeats: of each trial.
-        success: share of successes.
-        undecided: share of the trials with both outcomes, of those that ever succeeded.
-        f1: of one repeat, at the best threshold on the success rates of the others; mean over the repeats.
-        top1: success, in one repeat, of the scene's grasp that the others rank first; equal ones count in equal parts.
-    """
-
-    kind: Kind
-    scenes: int
-    trials: int
-    repeats: int
-    success: float
-    undecided: float
-    f1: float
-    top1: float
+Outcomes = Bool[np.ndarray, "r n"]
+"""Successes of `r` repeats of the `n` trials of a scene: contacts times angles."""
 
 
 @dataclass(frozen=True)
-class LabelCeilingNumbers:
-    """The ceilings of both kinds of scenes."""
+class CeilingNumbers:
+    """Each of `NUMBERS` for both kinds of scenes."""
 
-    ceilings: tuple[LabelCeiling, ...]
+    ceilings: dict[Kind, dict[str, Any]]
 
 
-def measure(config: LabelCeilingConfig) -> LabelCeilingNumbers:
+def measure(config: LabelCeilingConfig) -> CeilingNumbers:
     """Labels the contacts of random scenes several times, with new jitter, mass and friction each time.
 
     Raises:
         IcgnetError: unusable objects or gripper, or nothing of a kind and split in the object set.
     """
     object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
-    return LabelCeilingNumbers(tuple(ceiling(kind, outcomes(config, kind, object_set, gripper)) for kind in KINDS))
+    return CeilingNumbers({kind: evaluate(NUMBERS, outcomes(config, kind, object_set, gripper)) for kind in KINDS})
 
 
-def outcomes(
-    config: LabelCeilingConfig, kind: Kind, object_set: ObjectSet, gripper: Gripper
-) -> list[Bool[np.ndarray, "r n"]]:
+def tables(numbers: CeilingNumbers) -> list[Table]:
+    """What is printed."""
+    return [table(("ceiling of scores", *numbers.ceilings), NUMBERS, *numbers.ceilings.values())]
+
+
+def outcomes(config: LabelCeilingConfig, kind: Kind, object_set: ObjectSet, gripper: Gripper) -> list[Outcomes]:
     """Outcomes of the repeated trials of every scene of a kind in which anything stayed.
 
     Raises:
         InputError: there is no such scene.
     """
-    labels = LabelSettings(contacts=config.contacts)
     labelled = [
-        _label_often(kind, object_set, config.split, gripper, labels, config.repeats, scene_rng(config.seed, number))
+        _label_often(config, kind, object_set, gripper, scene_rng(config.seed, number))
         for number in range(config.scenes)
     ]
     found = [each for each in labelled if each is not None]
@@ -86,65 +69,18 @@ def outcomes(
     return found
 
 
-def tables(numbers: LabelCeilingNumbers) -> list[Table]:
-    """What is printed."""
-    rows = [
-        (
-            f"{each.kind} {each.scenes}",
-            str(each.trials),
-            *(f"{share:.3f}" for share in (each.success, each.undecided, each.f1, each.top1)),
-        )
-        for each in numbers.ceilings
-    ]
-    headers = ("scenes", "trials", "success", "both outcomes", "F1 at best", "top 1")
-    return [Table(headers, rows, title="ceiling of scores")]
-
-
-def ceiling(kind: Kind, scenes: list[Bool[np.ndarray, "r n"]]) -> LabelCeiling:
-    """The numbers, from the outcomes of `r` repeats of the `n` trials of every scene."""
-    together = np.concatenate(scenes, axis=1)
-    ever = together.any(axis=0)
-    scores = _rates_of_the_others(together)
-    return LabelCeiling(
-        kind,
-        scenes=len(scenes),
-        trials=together.shape[1],
-        repeats=len(together),
-        success=float(together.mean()),
-        undecided=float((ever & ~together.all(axis=0)).sum() / max(ever.sum(), 1)),
-        f1=float(np.mean([best_f1(score, label)[0] for score, label in zip(scores, together, strict=True)])),
-        top1=float(np.mean([_success_of_best(scene) for scene in scenes])),
-    )
-
-
-def _rates_of_the_others(outcomes: Bool[np.ndarray, "r n"]) -> Float[np.ndarray, "r n"]:
-    """For every repeat the success rates of the trials in all other repeats."""
-    return (outcomes.sum(axis=0) - outcomes) / (len(outcomes) - 1)
-
-
-def _success_of_best(outcomes: Bool[np.ndarray, "r n"]) -> float:
-    scores = _rates_of_the_others(outcomes)
-    best = scores == scores.max(axis=1, keepdims=True)
-    return float(np.mean([label[first].mean() for label, first in zip(outcomes, best, strict=True)]))
-
-
 def _label_often(
-    kind: Kind,
-    object_set: ObjectSet,
-    split: Split,
-    gripper: Gripper,
-    settings: LabelSettings,
-    repeats: int,
-    rng: np.random.Generator,
-) -> Bool[np.ndarray, "r n"] | None:
+    config: LabelCeilingConfig, kind: Kind, object_set: ObjectSet, gripper: Gripper, rng: np.random.Generator
+) -> Outcomes | None:
     """Outcomes of all trials of a scene, None for a scene in which nothing stayed."""
-    scene = spawn_scene(kind, object_set, split, rng, settings.object_count, settings.physics)
+    settings = LabelSettings(contacts=config.contacts)
+    scene = spawn_scene(kind, object_set, config.split, rng, settings.object_count, settings.physics)
     if not scene.objects:
         return None
     contacts = sample_contacts([world_mesh(placed, object_set) for placed in scene.objects], settings.contacts, rng)
     bodies = [Body(object_set.model(placed.name), placed.scale, placed.T_world_object) for placed in scene.objects]
     rows = []
-    for _ in range(repeats):
+    for _ in range(config.repeats):
         physics = replace(
             settings.physics,
             object_mass=rng.uniform(*settings.variation.mass),
@@ -152,3 +88,40 @@ def _label_often(
         )
         rows.append(Trials(bodies, gripper, physics).label(contacts, rng, settings.jitter).success.ravel())
     return np.stack(rows)
+
+
+def _undecided(scenes: Sequence[Outcomes]) -> float:
+    """Share of the trials with both outcomes, of those that ever succeeded."""
+    together = np.concatenate(scenes, axis=1)
+    ever = together.any(axis=0)
+    return float((ever & ~together.all(axis=0)).sum() / max(ever.sum(), 1))
+
+
+def _f1(scenes: Sequence[Outcomes]) -> float | None:
+    """Of one repeat, at the best threshold on the success rates of the others; mean over the repeats."""
+    together = np.concatenate(scenes, axis=1)
+    return mean(best_f1(*each)[0] for each in zip(_rates_of_the_others(together), together, strict=True))
+
+
+def _success_of_best(scene: Outcomes) -> float | None:
+    """Success, in one repeat, of the grasp that the others rank first; equal ones count in equal parts."""
+    scores = _rates_of_the_others(scene)
+    best = scores == scores.max(axis=1, keepdims=True)
+    return mean(label[first].mean() for label, first in zip(scene, best, strict=True))
+
+
+def _rates_of_the_others(scene: Outcomes) -> Float[np.ndarray, "r n"]:
+    """For every repeat the success rates of the trials in all other repeats."""
+    return (scene.sum(axis=0) - scene) / (len(scene) - 1)
+
+
+NUMBERS: dict[str, Number[Sequence[Outcomes]]] = {
+    "scenes": Number("scenes with any object", len, "d"),
+    "trials": Number("trials", lambda scenes: sum(each.shape[1] for each in scenes), "d"),
+    "repeats": Number("repeats of each", lambda scenes: len(scenes[0]), "d"),
+    "success": Number("share of successes", lambda scenes: float(np.concatenate(scenes, axis=1).mean()), ".3f"),
+    "undecided": Number("both outcomes, of those that ever succeed", _undecided, ".3f"),
+    "f1": Number("best F1", _f1, ".3f"),
+    "top1": Number("success of the best grasp of a scene", lambda scenes: mean(map(_success_of_best, scenes)), ".3f"),
+}
+"""What scores can reach that are the success rates of the other repeats."""

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from icgnet.benchmark.tables import Table
 from icgnet.studies.config import LoaderConfig
+from icgnet.studies.measured import Quantiles
 from icgnet.training.config import TRAININGS, TrainingConfig
 from icgnet.training.dataset import RecipeDataset, network_for
 from icgnet.training.validation import load_object_sets, recipes_of_split
@@ -19,20 +19,16 @@ WARM_UP = 5  # visits before the clock runs: lookup tables are made at the first
 
 @dataclass(frozen=True)
 class LoaderNumbers:
-    """Time of a training visit on one core.
+    """What some training visits take on one core.
 
     Attributes:
         visits: how many were timed.
-        median_ms: of a visit.
-        p10_ms: one tenth of the visits is faster.
-        p90_ms: one tenth of the visits is slower.
+        visit_ms: time of a visit.
         scenes_per_second: visits by their summed time.
     """
 
     visits: int
-    median_ms: float
-    p10_ms: float
-    p90_ms: float
+    visit_ms: Quantiles
     scenes_per_second: float
 
 
@@ -48,13 +44,9 @@ def measure(config: LoaderConfig) -> LoaderNumbers:
 
 def tables(numbers: LoaderNumbers) -> list[Table]:
     """What is printed."""
-    row = (f"{numbers.scenes_per_second:.1f}", f"{numbers.median_ms:.0f}", percentiles(numbers), str(numbers.visits))
+    visit = numbers.visit_ms
+    row = (f"{numbers.scenes_per_second:.1f}", f"{visit.median:.0f}", visit.range(), str(numbers.visits))
     return [Table(("scenes a second on one core", "ms a visit", "10th to 90th percentile", "visits"), [row])]
-
-
-def percentiles(numbers: LoaderNumbers) -> str:
-    """What one tenth of the visits is below, and what one tenth is above."""
-    return f"{numbers.p10_ms:.0f} to {numbers.p90_ms:.0f}"
 
 
 def load_dataset(data: Sequence[Path], objects: Sequence[str | Path], config: TrainingConfig) -> RecipeDataset:
@@ -77,5 +69,4 @@ def time_visits(dataset: RecipeDataset, visits: int) -> LoaderNumbers:
         start = time.perf_counter()
         dataset[visit]
         times.append(1e3 * (time.perf_counter() - start))
-    p10, median, p90 = np.quantile(times, [0.1, 0.5, 0.9])
-    return LoaderNumbers(visits, float(median), float(p10), float(p90), 1e3 * visits / sum(times))
+    return LoaderNumbers(visits, Quantiles.of(times), 1e3 * visits / sum(times))

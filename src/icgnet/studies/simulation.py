@@ -1,11 +1,15 @@
 """Is the simulation true? Scenes and grasps beside the published ones, creep, explosions, and the label filter."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
+from jaxtyping import Bool
 
-from icgnet.benchmark.tables import NOTHING, Table
+from icgnet.benchmark.tables import Table
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import grasp_poses
@@ -17,139 +21,129 @@ from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.holds import Hold, hold_from_above
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import Scene, world_mesh
-from icgnet.simulation.scenes import spawn, spawn_scene
+from icgnet.simulation.scenes import Spawn, spawn, spawn_scene
 from icgnet.simulation.trials import Trials
 from icgnet.studies.config import SimulationConfig
-from icgnet.studies.published import (
-    PILE_FELL_THROUGH,
-    SCENES,
-    TRACE_RISE,
-    TRACE_STANDOFF,
-    TRACES,
-    PublishedTrace,
-)
+from icgnet.studies.measured import Number, evaluate, mean, table
+
+PUBLISHED: dict[str, Any] = yaml.safe_load((Path(__file__).parent / "published.yaml").read_text(encoding="utf-8"))
+"""What the published simulators do; the file names the sources."""
 
 OBJECTS = 5  # objects to try for in every scene, as in the benchmark
 TILTED = np.deg2rad(20.0)
 CONTACTS = 40  # contacts of a scene whose decisions are compared
-
-
-@dataclass(frozen=True)
-class SceneNumbers:
-    """Statistics of random scenes; means are over scenes.
-
-    Attributes:
-        kind: "packed" or "pile".
-        scenes: how many.
-        placed: objects at rest, mean.
-        placed_histogram: scenes with 0, 1, ... objects.
-        attempts: objects tried, mean.
-        rejected: share of the attempts that had no room.
-        lost: objects that left the workspace, mean.
-        tilted: share of the objects whose axis is tilted by more than 20 degrees; of interest where they were stood up.
-        top_speed: largest speed of any object [m/s].
-    """
-
-    kind: Kind
-    scenes: int
-    placed: float
-    placed_histogram: tuple[int, ...]
-    attempts: float
-    rejected: float
-    lost: float
-    tilted: float
-    top_speed: float
-
-
-def measure_scenes(kind: Kind, object_set: ObjectSet, split: Split, scenes: int, seed: int) -> SceneNumbers:
-    """Makes random scenes of five objects and counts.
-
-    Raises:
-        InputError: the object set has nothing for this kind and split.
-    """
-    streams = np.random.SeedSequence(seed).spawn(scenes)
-    spawns = [
-        spawn(kind, object_set, split, np.random.default_rng(stream), OBJECTS, watch_speed=True) for stream in streams
-    ]
-    placed = np.array([len(each.scene.objects) for each in spawns])
-    attempts = sum(each.attempts for each in spawns)
-    tilts = np.concatenate([_tilts(each.scene) for each in spawns])
-    return SceneNumbers(
-        kind,
-        scenes,
-        placed=float(placed.mean()),
-        placed_histogram=tuple(np.bincount(placed, minlength=OBJECTS + 1).tolist()),
-        attempts=attempts / scenes,
-        rejected=sum(each.rejected for each in spawns) / attempts,
-        lost=sum(each.lost for each in spawns) / scenes,
-        tilted=float((tilts > TILTED).mean()) if len(tilts) else 0.0,
-        top_speed=max(each.top_speed for each in spawns),
-    )
-
-
-def _tilts(scene: Scene) -> np.ndarray:
-    """Angle of each object's z axis from the vertical [rad]."""
-    upright = np.array([placed.T_world_object[2, 2] for placed in scene.objects])
-    return np.arccos(np.clip(upright, -1.0, 1.0))
+CREEP_SCALE = 0.9  # of the objects that are held still
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One published grasp and ours."""
+    """One published grasp (name and scale of the object, width after the lift [m]) and ours."""
 
-    published: PublishedTrace
+    published: dict[str, Any]
     ours: Hold
 
 
-def measure_traces(object_set: ObjectSet, gripper: Gripper) -> list[Trace]:
+@dataclass(frozen=True, eq=False)
+class TwiceDecided:
+    """Random trials, decided as for labels and again with the approach simulated as well.
+
+    Attributes:
+        filtered: the collision check alone decides.
+        collided: the hand touches something on its way in physics.
+        success: by check and physics, as labels are made.
+        full_success: with the approach simulated.
+    """
+
+    filtered: Bool[np.ndarray, "n"]
+    collided: Bool[np.ndarray, "n"]
+    success: Bool[np.ndarray, "n"]
+    full_success: Bool[np.ndarray, "n"]
+
+
+@dataclass(frozen=True)
+class SimulationNumbers:
+    """Everything that the study measures.
+
+    Attributes:
+        traces: the published grasps.
+        creep: of every object that can be held, by name.
+        scenes: what `measure_scenes` finds for both kinds.
+        agreement: each of `AGREEMENT_NUMBERS`.
+    """
+
+    traces: tuple[Trace, ...]
+    creep: dict[str, Hold]
+    scenes: dict[Kind, dict[str, Any]]
+    agreement: dict[str, Any]
+
+
+def measure(config: SimulationConfig) -> SimulationNumbers:
+    """Measures all of it.
+
+    Raises:
+        IcgnetError: not the VGN object set, or an unusable gripper.
+    """
+    object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
+    return SimulationNumbers(
+        traces=measure_traces(object_set, gripper),
+        creep=measure_creep(object_set, config.split, gripper),
+        scenes={kind: measure_scenes(kind, object_set, config.split, config.scenes, config.seed) for kind in KINDS},
+        agreement=measure_agreement(object_set, config.split, gripper, config.trials, config.seed),
+    )
+
+
+def tables(numbers: SimulationNumbers) -> list[Table]:
+    """Ours beside the published values."""
+    published = PUBLISHED["scenes"]
+    beside = [column for kind, ours in numbers.scenes.items() for column in (ours, published[kind])]
+    headers = [header for kind in numbers.scenes for header in (kind, "published")]
+    fell = f"of the published lost ones in piles, {published['pile']['fell_through']} a scene fall through the table"
+    return [
+        _trace_table(numbers),
+        table(("scenes of five objects", *headers), SCENE_NUMBERS, *beside, notes=(fell,)),
+        table(("label filter against the whole physics", ""), AGREEMENT_NUMBERS, numbers.agreement),
+    ]
+
+
+def measure_traces(object_set: ObjectSet, gripper: Gripper) -> tuple[Trace, ...]:
     """Repeats the published reference grasps.
 
     Raises:
         InputError: the object set is not VGN's.
     """
-    return [
-        Trace(each, hold_from_above(object_set.model(each.name), each.scale, gripper, Physics())) for each in TRACES
-    ]
+    return tuple(
+        Trace(each, hold_from_above(object_set.model(each["name"]), each["scale"], gripper, Physics()))
+        for each in PUBLISHED["traces"]
+    )
 
 
-def measure_creep(object_set: ObjectSet, split: Split, gripper: Gripper, scale: float = 0.9) -> dict[str, Hold]:
+def measure_creep(object_set: ObjectSet, split: Split, gripper: Gripper) -> dict[str, Hold]:
     """Holds every pile object that fits into the hand for five seconds; results by name.
 
     Some stand too badly on their own, or are too thin where the hand closes, to be held at all.
     """
-    holds = {}
-    for name in object_set.names("pile", split):
-        model = object_set.model(name)
-        if (model.visual.extents[:2] * scale).min() < gripper.max_opening:
-            holds[name] = hold_from_above(model, scale, gripper, Physics())
-    return holds
+    models = {name: object_set.model(name) for name in object_set.names("pile", split)}
+    return {
+        name: hold_from_above(model, CREEP_SCALE, gripper, Physics())
+        for name, model in models.items()
+        if (model.visual.extents[:2] * CREEP_SCALE).min() < gripper.max_opening
+    }
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How often the collision check and the whole simulation of a trial say the same.
+def measure_scenes(kind: Kind, object_set: ObjectSet, split: Split, scenes: int, seed: int) -> dict[str, Any]:
+    """Makes random scenes of five objects; `SCENE_NUMBERS`, and how many scenes have 0, 1, ... objects.
 
-    Attributes:
-        trials: random contacts and angles.
-        filtered: share that the check alone decides.
-        collided: share that touches something on its way in physics.
-        same_collision: share of trials where both agree on the collision.
-        same_success: share of trials where both agree on the success.
-        success: share of successes, by check and physics as labels are made.
-        success_of_free: share of successes among the trials whose hand fits.
+    Raises:
+        InputError: the object set has nothing for this kind and split.
     """
-
-    trials: int
-    filtered: float
-    collided: float
-    same_collision: float
-    same_success: float
-    success: float
-    success_of_free: float
+    streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(scenes))
+    spawns = [spawn(kind, object_set, split, stream, OBJECTS, watch_speed=True) for stream in streams]
+    placed = np.bincount([len(each.scene.objects) for each in spawns], minlength=OBJECTS + 1)
+    return evaluate(SCENE_NUMBERS, spawns) | {"placed_histogram": tuple(placed.tolist())}
 
 
-def measure_agreement(object_set: ObjectSet, split: Split, gripper: Gripper, trials: int, seed: int) -> Agreement:
-    """Runs random trials twice: filtered as for labels, and with the approach simulated as well.
+def measure_agreement(object_set: ObjectSet, split: Split, gripper: Gripper, trials: int, seed: int) -> dict[str, Any]:
+    """Runs random trials twice, filtered as for labels and with the approach simulated, and finds `AGREEMENT_NUMBERS`.
 
     Raises:
         InputError: the object set has nothing for this split.
@@ -159,24 +153,15 @@ def measure_agreement(object_set: ObjectSet, split: Split, gripper: Gripper, tri
     while len(rows) < trials:
         kind: Kind = "packed" if stream % 2 == 0 else "pile"
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
-        rows += _compare(spawn_scene(kind, object_set, split, rng, OBJECTS), object_set, gripper, rng)
+        rows += _decide_twice(spawn_scene(kind, object_set, split, rng, OBJECTS), object_set, gripper, rng)
         stream += 1
-    filtered, collided, fast, full = np.array(rows[:trials]).T
-    return Agreement(
-        trials,
-        filtered=float(filtered.mean()),
-        collided=float(collided.mean()),
-        same_collision=float((filtered == collided).mean()),
-        same_success=float((fast == full).mean()),
-        success=float(fast.mean()),
-        success_of_free=float(fast[~filtered].mean()) if not filtered.all() else float("nan"),
-    )
+    return evaluate(AGREEMENT_NUMBERS, TwiceDecided(*np.array(rows[:trials]).T))
 
 
-def _compare(
+def _decide_twice(
     scene: Scene, object_set: ObjectSet, gripper: Gripper, rng: np.random.Generator
 ) -> list[tuple[bool, bool, bool, bool]]:
-    """One random angle at each contact of a scene: filtered, collided in physics, both successes."""
+    """The fields of `TwiceDecided` for one random angle at each contact of a scene."""
     if not scene.objects:
         return []
     bodies = [Body(object_set.model(each.name), each.scale, each.T_world_object) for each in scene.objects]
@@ -197,84 +182,52 @@ def _compare(
     return rows
 
 
-@dataclass(frozen=True)
-class SimulationNumbers:
-    """Everything that the study measures.
-
-    Attributes:
-        traces: the published grasps.
-        creep: of every object that can be held, by name.
-        scenes: packed ones, then piles.
-        agreement: of the label filter with the whole physics.
-    """
-
-    traces: tuple[Trace, ...]
-    creep: dict[str, Hold]
-    scenes: tuple[SceneNumbers, ...]
-    agreement: Agreement
+def _tilted(spawns: Sequence[Spawn]) -> float | None:
+    """Share of the objects whose z axis is tilted; of interest where they were stood up."""
+    upright = [placed.T_world_object[2, 2] for each in spawns for placed in each.scene.objects]
+    return mean(np.arccos(np.clip(upright, -1.0, 1.0)) > TILTED)
 
 
-def measure(config: SimulationConfig) -> SimulationNumbers:
-    """Measures all of it.
+SCENE_NUMBERS: dict[str, Number[Sequence[Spawn]]] = {
+    "scenes": Number("scenes", len, "d"),
+    "placed": Number("placed, mean", lambda spawns: mean(len(each.scene.objects) for each in spawns)),
+    "attempts": Number("attempts, mean", lambda spawns: mean(each.attempts for each in spawns)),
+    "rejected": Number(
+        "rejected share of attempts", lambda spawns: sum(s.rejected for s in spawns) / sum(s.attempts for s in spawns)
+    ),
+    "lost": Number("lost, mean", lambda spawns: mean(each.lost for each in spawns)),
+    "tilted": Number("tilted by more than 20 degrees", _tilted),
+    "top_speed": Number("top speed, m/s", lambda spawns: max(each.top_speed for each in spawns)),
+}
+"""Of random scenes; rejected are objects that had no room, lost are those that left the workspace."""
 
-    Raises:
-        IcgnetError: not the VGN object set, or an unusable gripper.
-    """
-    object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
-    return SimulationNumbers(
-        traces=tuple(measure_traces(object_set, gripper)),
-        creep=measure_creep(object_set, config.split, gripper),
-        scenes=tuple(measure_scenes(kind, object_set, config.split, config.scenes, config.seed) for kind in KINDS),
-        agreement=measure_agreement(object_set, config.split, gripper, config.trials, config.seed),
-    )
+AGREEMENT_NUMBERS: dict[str, Number[TwiceDecided]] = {
+    "trials": Number("trials", lambda trials: len(trials.filtered), "d"),
+    "filtered": Number("filtered", lambda trials: mean(trials.filtered), ".2%"),
+    "collided": Number("collided in physics", lambda trials: mean(trials.collided), ".2%"),
+    "same_collision": Number("same collision", lambda trials: mean(trials.filtered == trials.collided), ".2%"),
+    "same_success": Number("same success", lambda trials: mean(trials.success == trials.full_success), ".2%"),
+    "success": Number("success", lambda trials: mean(trials.success), ".2%"),
+    "success_of_free": Number("success of free", lambda trials: mean(trials.success[~trials.filtered]), ".2%"),
+}
+"""How often the collision check and the whole simulation of a trial say the same; free are those it lets through."""
 
 
-def tables(numbers: SimulationNumbers) -> list[Table]:
-    """Ours beside the published values."""
-    return [
-        _trace_table(numbers.traces, numbers.creep),
-        _scene_table(*numbers.scenes),
-        _agreement_table(numbers.agreement),
-    ]
-
-
-def _trace_table(traces: Sequence[Trace], holds: Mapping[str, Hold]) -> Table:
+def _trace_table(numbers: SimulationNumbers) -> Table:
     rows = []
-    for trace in traces:
-        ours, theirs = trace.ours, trace.published.width
-        solid = theirs - TRACE_STANDOFF
+    for trace in numbers.traces:
+        ours, theirs = trace.ours, trace.published["width"]
+        solid = theirs - PUBLISHED["trace_standoff"]
         values = (ours.lifted, theirs, solid, ours.lifted - solid, ours.rise, ours.creep)
-        rows.append((trace.published.name.partition("/")[2][:20], *(f"{1e3 * value:.1f}" for value in values)))
-    held = {name: hold.creep for name, hold in holds.items() if hold.is_held}
-    note = f"held still for 5 s: {len(held)} of {len(holds)} pile objects could be grasped from above"
+        rows.append((trace.published["name"].partition("/")[2][:20], *(f"{1e3 * value:.1f}" for value in values)))
+    held = {name: hold.creep for name, hold in numbers.creep.items() if hold.is_held}
+    note = f"held still for 5 s: {len(held)} of {len(numbers.creep)} pile objects could be grasped from above"
     if held:
         worst = max(held, key=lambda name: held[name])
         note += f"; the most that one moved in the hand is {1e3 * held[worst]:.2f} mm ({worst})"
     return Table(
         ("object", "width", "published", "less standoff", "difference", "rise", "creep"),
         rows,
-        title=f"grasps from above, in mm; the published hand rises by {1e3 * TRACE_RISE:.1f}",
+        title=f"grasps from above, in mm; the published hand rises by {1e3 * PUBLISHED['trace_rise']:.1f}",
         notes=(note,),
     )
-
-
-def _scene_table(stood: SceneNumbers, dropped: SceneNumbers) -> Table:
-    packed, pile = SCENES[stood.kind], SCENES[dropped.kind]
-    values: dict[str, tuple[float | None, ...]] = {
-        "placed, mean": (stood.placed, packed.placed, dropped.placed, pile.placed),
-        "lost": (stood.lost, packed.lost, dropped.lost, pile.lost),
-        "lost by falling through the table": (0.0, 0.0, 0.0, PILE_FELL_THROUGH),
-        "rejected share of attempts": (stood.rejected, packed.rejected, None, None),
-        "tilted by more than 20 degrees": (stood.tilted, packed.tilted, None, None),
-        "top speed, m/s": (stood.top_speed, None, dropped.top_speed, None),
-    }
-    rows = [
-        (name, *(NOTHING if value is None else f"{value:.2f}" for value in numbers)) for name, numbers in values.items()
-    ]
-    return Table(("scenes of five objects", stood.kind, "published", dropped.kind, "published"), rows)
-
-
-def _agreement_table(agreement: Agreement) -> Table:
-    names = ("filtered", "same_collision", "same_success", "success", "success_of_free")
-    shares = [(name.replace("_", " "), f"{100 * getattr(agreement, name):.2f} %") for name in names]
-    return Table(("label filter against the whole physics", ""), [("trials", str(agreement.trials)), *shares])
