@@ -30,6 +30,11 @@ def test_boxes_of_unlike_height_behind_a_post_are_two():
     assert pieces_of(two).tolist() == [0, 1, 2]
 
 
+def test_boxes_of_like_height_and_another_depth_behind_a_post_are_two():
+    two = [box((-0.12, 0.0, 0.0), (-0.01, 0.16, 0.08)), box((0.01, 0.0, 0.0), (0.12, 0.05, 0.08))]
+    assert pieces_of(two).tolist() == [0, 1, 2]
+
+
 def test_like_boxes_with_a_gap_that_is_seen_are_two():
     two = [box((-0.12, 0.0, 0.0), (-0.03, 0.08, 0.08)), box((0.03, 0.0, 0.0), (0.12, 0.08, 0.08))]
     aside = box((0.2, -0.3, 0.0), (0.25, -0.25, 0.1))

@@ -26,6 +26,9 @@ LARGEST_OFFSET, SAME_NORMAL = 0.010, 0.97
 SHARED_FACE = 0.15
 """A piece continues the other when at least this share of its points lies in a face of the other, of which this share
 lies in it, too."""
+SAME_DEPTH, SAME_HEIGHT, STRAYS = 0.5, 0.65, 0.03
+"""Across the way from one piece to the other and in height, the two must cover the same range: so much of both ranges
+together, without the share of strays at each end."""
 STEPS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Places between two points that are tested for being hidden."""
 NEAREST_PAIRS = 40
@@ -49,7 +52,8 @@ def join_occluded(
 ) -> Int[np.ndarray, "i"]:
     """For every piece the number of the object that it belongs to; objects are numbered by their first piece.
 
-    Two pieces are one object when faces of the one go on in the other, and all that lies between is hidden.
+    Two pieces are one object when faces of the one go on in the other, both have the same cross-section, and all that
+    lies between is hidden.
 
     Paper: nothing; its masks may have several pieces, too.
 
@@ -68,7 +72,9 @@ def join_occluded(
         (a, b)
         for a in range(len(pieces))
         for b in range(a)
-        if faces[a].goes_on_in(faces[b]) and seen.hide_between(faces[a].points, faces[b].points, cloud.viewpoint)
+        if faces[a].goes_on_in(faces[b])
+        and faces[a].is_in_line_with(faces[b])
+        and seen.hide_between(faces[a].points, faces[b].points, cloud.viewpoint)
     ]
     first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     links = coo_array((np.ones(len(first)), (first, second)), shape=(len(pieces), len(pieces)))
@@ -100,6 +106,13 @@ class _Faces:
         others = (in_one_face.mean(axis=0) > SHARED_FACE).mean()
         return bool(min(own, others) > SHARED_FACE)
 
+    def is_in_line_with(self, other: "_Faces") -> bool:
+        """Whether both pieces have the same cross-section, seen along the way from one to the other."""
+        x, y = (other.points.mean(axis=0) - self.points.mean(axis=0))[:2]
+        across = np.array([-y, x]) / max(np.hypot(x, y), 1e-9)
+        depth = _common_range(self.points[:, :2] @ across, other.points[:, :2] @ across)
+        return depth > SAME_DEPTH and _common_range(self.points[:, 2], other.points[:, 2]) > SAME_HEIGHT
+
     @property
     def _lower(self) -> Float[np.ndarray, "3"]:
         return self.points.min(axis=0)
@@ -107,6 +120,13 @@ class _Faces:
     @property
     def _upper(self) -> Float[np.ndarray, "3"]:
         return self.points.max(axis=0)
+
+
+def _common_range(first: Float[np.ndarray, "n"], second: Float[np.ndarray, "m"]) -> float:
+    """Length of what the ranges of two sets of numbers have in common, as a share of the range of both together."""
+    (low, high), (other_low, other_high) = (np.quantile(each, (STRAYS, 1.0 - STRAYS)) for each in (first, second))
+    common = min(high, other_high) - max(low, other_low)
+    return float(max(common, 0.0) / max(max(high, other_high) - min(low, other_low), 1e-9))
 
 
 class _Seen:
