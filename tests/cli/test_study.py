@@ -18,10 +18,10 @@ def test_loader_prints_scenes_per_second_and_writes_a_report(scenes, tmp_path, c
     assert main(["study", "loader", "--data", str(scenes), "--visits", "4", "--out", str(tmp_path / "report")]) == 0
     assert "scenes a second on one core" in capsys.readouterr().out
     report = json.loads((tmp_path / "report" / "report.json").read_text())
-    numbers = report
-    assert numbers["visits"] == 4
-    assert numbers["p10_ms"] <= numbers["median_ms"] <= numbers["p90_ms"]
-    assert numbers["scenes_per_second"] > 0
+    assert report["visits"] == 4
+    visit = report["visit_ms"]
+    assert visit["p10"] <= visit["median"] <= visit["p90"]
+    assert report["scenes_per_second"] > 0
     assert report["settings"]["preset"] == "cpu"
     assert report["origin"].keys() == {"version", "commit", "processor", "cores", "python"}
 
