@@ -3,7 +3,6 @@
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,7 +25,7 @@ from icgnet.inference.background import is_background
 from icgnet.inference.budget import Budget
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
-from icgnet.inference.instances import encode_windows, find_instances
+from icgnet.inference.instances import EncodedWindow, encode_windows, find_instances
 from icgnet.inference.looks import MARGIN, WIDE_SCALE, SceneObject, agree, needs_wide_look
 from icgnet.inference.occlusion import joined_behind_others
 from icgnet.inference.parts import group_parts
@@ -275,10 +274,7 @@ class Predictor:
         points, search = tabletop.cloud.points, self.search
         standing = points[tabletop.standing]
         windows = cover(standing[standing[:, 2] < SIZE], FEWEST_VOXELS)
-        if budget.is_limited:
-            windows = fullest_first(windows, standing)
-        is_over = partial(budget.is_spent, ENCODING_SHARE)
-        views = encode_windows(self.network, tabletop, windows, self.in_bfloat16, is_over)
+        views = self._encoded(tabletop, windows, budget)
         close = find_instances(views, points)
         groups = np.arange(len(close))
         if search.merge_parts == "always" or (search.merge_parts == "auto" and len(windows) > 1):
@@ -287,12 +283,21 @@ class Predictor:
         wide_windows: list[Window] = []
         if search.wide_look == "always" or (search.wide_look == "auto" and needs_wide_look(close, len(windows))):
             wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
-        wide_views = []
-        if not is_over():
-            wide_views = encode_windows(self.network, tabletop, wide_windows, self.in_bfloat16, is_over)
+        wide_views = [] if budget.is_spent(ENCODING_SHARE) else self._encoded(tabletop, wide_windows, budget)
         wide = find_instances(wide_views, points)
         made_out = agree(close, groups, wide, points, margin=MARGIN if len(windows) == 1 else 0.0)
         return made_out, len(windows) + len(wide_windows) - len(views) - len(wide_views)
+
+    def _encoded(self, tabletop: Tabletop, windows: list[Window], budget: Budget) -> list[EncodedWindow]:
+        """The windows, encoded; with a budget one after the other, the fullest first, at least one."""
+        if not budget.is_limited:
+            return encode_windows(self.network, tabletop, windows, self.in_bfloat16)
+        views: list[EncodedWindow] = []
+        for window in fullest_first(windows, tabletop.cloud.points[tabletop.standing]):
+            if views and budget.is_spent(ENCODING_SHARE):
+                break
+            views += encode_windows(self.network, tabletop, [window], self.in_bfloat16)
+        return views
 
     def _search(
         self,

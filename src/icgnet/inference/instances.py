@@ -1,6 +1,5 @@
 """The objects in the windows of a scene: encoded once, told apart, and each kept in one window only."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,20 +67,11 @@ class Instance:
 
 @torch.no_grad()
 def encode_windows(
-    network: IcgNet,
-    tabletop: Tabletop,
-    windows: list[Window],
-    bfloat16: bool = False,
-    is_over: Callable[[], bool] = lambda: False,
+    network: IcgNet, tabletop: Tabletop, windows: list[Window], bfloat16: bool = False
 ) -> list[EncodedWindow]:
     """Embeddings of the windows that hold points; of more than `MOST_VOXELS`, those with most points.
 
-    Args:
-        network: encodes them.
-        tabletop: the scene.
-        windows: the cubes; those that are given first are encoded first.
-        bfloat16: computes the U-Nets in 16 bits.
-        is_over: asked before every batch but the first; the windows that are left are not looked at.
+    `bfloat16` computes the U-Nets in 16 bits.
     """
     standing = tabletop.cloud.points[tabletop.standing]
     inside = [tabletop.standing[window.inside(standing)] for window in windows]
@@ -98,14 +88,12 @@ def encode_windows(
     filled, prepared = [filled[index] for index in affordable], [prepared[index] for index in affordable]
     embeddings = []
     for start in range(0, len(prepared), BATCH):
-        if start and is_over():
-            break
         scenes = [scene.to(network.device) for scene, _ in prepared[start : start + BATCH]]
         with torch.autocast(network.device.type, torch.bfloat16, enabled=bfloat16):
             embeddings += network.encode(scenes)
     return [
         EncodedWindow(window, rows, point_to_voxel, embedding, network.config.classes)
-        for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=False)
+        for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
     ]
 
 
