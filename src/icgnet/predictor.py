@@ -47,7 +47,7 @@ MOST_OBJECTS = 64
 """The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
 MOST_RESAMPLED = 24
 """The largest so many objects are asked for points of their predicted surface."""
-ENCODING_SHARE, RESAMPLING_SHARE = 0.6, 0.7
+ENCODING_SHARE, RESAMPLING_SHARE = 0.5, 0.6
 """With a budget, so much of it may be used up before the last windows are encoded and unseen sides are looked at."""
 WORLD, CAMERA = "world", "camera"
 """Names of the frames that results are in: a world with z up, unless the caller calls it otherwise, or the camera."""
