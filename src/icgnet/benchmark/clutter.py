@@ -19,6 +19,7 @@ from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.planners.registry import load_planner
 from icgnet.benchmark.record import REPORT_FILE, settings, source_commit, write_report
 from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
+from icgnet.benchmark.statistics import Spread
 from icgnet.benchmark.tables import Table
 from icgnet.errors import DataError
 from icgnet.files import cut_unfinished_line, new_file, write_json
@@ -31,25 +32,11 @@ CONFIG_FILE, ROUNDS_FILE, ATTEMPTS_FILE = "config.json", "rounds.jsonl", "attemp
 
 
 @dataclass(frozen=True)
-class Rate:
-    """A rate in percent, 0 to 100.
-
-    Attributes:
-        mean: over the runs.
-        std: population standard deviation over the runs, as published.
-        low: lower end of the 95 % interval of the pooled rate (Wilson), as if all attempts were independent.
-        high: upper end.
-    """
-
-    mean: float
-    std: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class ClutterNumbers:
     """The result of a benchmark.
+
+    Rates are in percent: mean and population standard deviation over the runs, as published, and Wilson's 95 % interval
+    of the pooled rate, as if all attempts were independent.
 
     Attributes:
         gsr: successes by attempts.
@@ -64,8 +51,8 @@ class ClutterNumbers:
         plan_seconds: median time of the planner for one picture [s].
     """
 
-    gsr: Rate
-    dr: Rate
+    gsr: Spread
+    dr: Spread
     attempts: int
     runs: int
     rounds: int
@@ -129,13 +116,15 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
     )
 
 
-def _rate(successes: Sequence[int], totals: Sequence[int]) -> Rate:
+def _rate(successes: Sequence[int], totals: Sequence[int]) -> Spread:
     """Mean and spread over runs, and Wilson's interval of all runs together; nan where nothing was tried."""
     rates = [100.0 * s / t for s, t in zip(successes, totals, strict=True) if t]
     if not rates:
-        return Rate(*[float("nan")] * 4)
+        return Spread(*[float("nan")] * 4)
     interval = binomtest(sum(successes), sum(totals)).proportion_ci(0.95, method="wilson")
-    return Rate(float(np.mean(rates)), float(np.std(rates)), 100.0 * float(interval.low), 100.0 * float(interval.high))
+    return Spread(
+        float(np.mean(rates)), float(np.std(rates)), 100.0 * float(interval.low), 100.0 * float(interval.high)
+    )
 
 
 def tables(numbers: ClutterNumbers) -> list[Table]:
@@ -153,7 +142,7 @@ def tables(numbers: ClutterNumbers) -> list[Table]:
     return [Table(("what", "value"), rows)]
 
 
-def _rate_cell(rate: Rate, runs: int) -> str:
+def _rate_cell(rate: Spread, runs: int) -> str:
     spread = f" ± {rate.std:.1f}" if runs > 1 else ""
     return f"{rate.mean:.1f}{spread} (95 %: {rate.low:.1f} to {rate.high:.1f})"
 

@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,11 @@ def load_planner(config: ClutterConfig) -> Planner:
         DataError: the weights cannot be used.
     """
     if config.planner in BUILT_IN:
-        return BUILT_IN[config.planner](config)
+        module_name, _, class_name = BUILT_IN[config.planner].partition(":")
+        built_in = getattr(importlib.import_module(f"icgnet.benchmark.planners.{module_name}"), class_name)
+        if config.planner != OUR_NETWORK:
+            return built_in()
+        return built_in(config.weights, config.threads, config.search, config.level_table, config.gripper)
     if ":" in config.planner:
         return _load_own(config.planner)
     raise InputError(
@@ -28,39 +31,13 @@ def load_planner(config: ClutterConfig) -> Planner:
     )
 
 
-# Each planner brings its own packages: the network's, or the physics engine.
-
-
-def _icgnet(config: ClutterConfig) -> Planner:
-    from icgnet.benchmark.planners.icgnet import IcgNetPlanner
-
-    return IcgNetPlanner(config.weights, config.threads, config.search, config.level_table, config.gripper)
-
-
-def _antipodal(_: ClutterConfig) -> Planner:
-    from icgnet.benchmark.planners.antipodal import AntipodalPlanner
-
-    return AntipodalPlanner()
-
-
-def _random(_: ClutterConfig) -> Planner:
-    from icgnet.benchmark.planners.chance import RandomPlanner
-
-    return RandomPlanner()
-
-
-def _oracle(_: ClutterConfig) -> Planner:
-    from icgnet.benchmark.planners.oracle import OraclePlanner
-
-    return OraclePlanner()
-
-
-BUILT_IN: dict[str, Callable[[ClutterConfig], Planner]] = {
-    OUR_NETWORK: _icgnet,
-    "antipodal": _antipodal,
-    "random": _random,
-    "oracle": _oracle,
+BUILT_IN = {
+    OUR_NETWORK: "icgnet:IcgNetPlanner",
+    "antipodal": "antipodal:AntipodalPlanner",
+    "random": "chance:RandomPlanner",
+    "oracle": "oracle:OraclePlanner",
 }
+"""Module and class of each; a planner brings its own packages, the network's or the physics engine, when it is made."""
 
 
 def _load_own(name: str) -> Planner:
