@@ -336,12 +336,12 @@ class Predictor:
     def _with_few_grasps(self, grasps: Grasps, objects: int) -> Bool[np.ndarray, "o"]:
         """Which objects are worth a look at their unseen sides.
 
-        Those without a grasp or, where only a few grasps are wanted, all of them if there are too few good ones.
+        All of them if there are too few good grasps; else those without a grasp, unless only a few grasps are wanted.
         """
-        if self.search.most is None:
-            return np.bincount(grasps.instances, minlength=objects) == 0
         good = (grasps.scores >= self.search.good_score).sum()
-        return np.full(objects, good < min(self.search.few, self.search.most))
+        if good < min(self.search.few, self.search.most or self.search.few):
+            return np.ones(objects, dtype=bool)
+        return (np.bincount(grasps.instances, minlength=objects) == 0) & (self.search.most is None)
 
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""

@@ -230,7 +230,7 @@ def test_unseen_sides_are_tried_of_every_object_that_has_no_grasp(shapes, tablet
         "icgnet.inference.candidates.check_collisions",
         lambda poses, *_, **__: Collisions(np.full(len(poses), Reason.FREE, dtype=np.int8)),
     )
-    search_for(shapes, tabletop, GraspSearch(contacts=48, per_object=4, min_score=min_score))
+    search_for(shapes, tabletop, GraspSearch(contacts=48, per_object=4, min_score=min_score, few=0))
     assert asked == ([0, 1] if resampled else [])
 
 

@@ -36,9 +36,10 @@ class GraspSearch:
     opening: Literal["predicted", "full"] = "predicted"
     """How far the hand is open on its way: as far as the object's width needs, or fully."""
     resample: bool = True
-    """Score points of the predicted surfaces, too, when the seen points give too few good grasps."""
+    """Score points of the predicted surfaces, too: of all objects when the seen points give too few good grasps, else
+    of those without a grasp, unless `most` ends the search."""
     few: int = 5
-    """Fewer good grasps than this are too few."""
+    """Fewer good grasps than this, of all objects together, are too few."""
     good_score: float = 0.5
     """A grasp is good from this score on."""
 

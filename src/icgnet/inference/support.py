@@ -294,13 +294,11 @@ class Outline:
 
     Attributes:
         axes: [2 3] unit vectors in the plane.
-        corners: of the hull, along the axes [m]; none if nothing is seen of the plane.
-        sides: outward unit normal and offset of each side of the hull.
+        sides: outward unit normal and offset of each side of the hull; none if nothing is seen of the plane.
         area: what is seen of the plane [m^2].
     """
 
     axes: Float[np.ndarray, "2 3"]
-    corners: Float[np.ndarray, "c 2"]
     sides: Float[np.ndarray, "s 3"]
     area: float
 
@@ -312,7 +310,7 @@ class Outline:
         x /= np.linalg.norm(x)
         axes = np.stack([x, np.cross(plane.normal, x)])
         places = points @ axes.T
-        nothing = Outline(axes, np.zeros((0, 2)), np.zeros((0, 3)), 0.0)
+        nothing = Outline(axes, np.zeros((0, 3)), 0.0)
         if len(places) == 0:
             return nothing
         places = places[np.abs(places - np.median(places, axis=0)).max(axis=1) < FARTHEST]
@@ -332,7 +330,7 @@ class Outline:
         of_hull = np.argwhere(large[pieces])[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
         hull = ConvexHull(lower + CELL * of_hull.reshape(-1, 2))
         area = float((large[pieces] & (counts >= FEWEST_IN_CELL)).sum()) * CELL**2
-        return Outline(axes, hull.points[hull.vertices], hull.equations, area)
+        return Outline(axes, hull.equations, area)
 
     def beyond(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """How far points lie outside of the hull, along the plane [m]; negative inside."""
