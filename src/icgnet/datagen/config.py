@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from icgnet.errors import InputError
-from icgnet.objects.kinds import KINDS, Kind, Split
+from icgnet.objects.kinds import CUBE_KINDS, Kind, Split
 from icgnet.settings import check_choices, check_range
 from icgnet.simulation.config import Jitter, Physics
 
@@ -86,7 +86,7 @@ class GenerateConfig:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """The kinds of scenes that the run makes."""
-        return KINDS if self.scene == "both" else (self.scene,)
+        return CUBE_KINDS if self.scene == "both" else (self.scene,)
 
 
 def kind_of(choice: SceneChoice, scene_id: int) -> Kind:

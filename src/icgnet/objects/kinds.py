@@ -2,10 +2,14 @@
 
 from typing import Literal
 
-Kind = Literal["packed", "pile"]
+Kind = Literal["packed", "pile", "table", "bin"]
 Split = Literal["train", "val", "test"]
 Units = Literal["m", "mm"]
 """Of the coordinates in mesh files."""
 
-KINDS: tuple[Kind, ...] = ("packed", "pile")
+CUBE_KINDS: tuple[Kind, ...] = ("packed", "pile")
+"""Of the published benchmark: everything stands in the workspace cube."""
+WIDE_KINDS: tuple[Kind, ...] = ("table", "bin")
+"""Whole tables and bins, with things around them that are no objects."""
+KINDS: tuple[Kind, ...] = CUBE_KINDS + WIDE_KINDS
 SPLITS: tuple[Split, ...] = ("train", "val", "test")

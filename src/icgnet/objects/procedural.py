@@ -10,7 +10,7 @@ from trimesh.transformations import scale_and_translate
 from icgnet.objects import containers, sundries, toys
 from icgnet.objects.base import ObjectSet, check_kind_and_split, unknown_object
 from icgnet.objects.fingerprint import hash_texts
-from icgnet.objects.kinds import KINDS, Kind, Split
+from icgnet.objects.kinds import CUBE_KINDS, WIDE_KINDS, Kind, Split
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.solids import Solid
 
@@ -111,7 +111,8 @@ class ProceduralObjectSet(ObjectSet):
     def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
         """Returns the sorted keys of the objects for scenes of `kind` in `split`."""
         check_kind_and_split(kind, split)
-        return tuple(key for key, key_split in _splits().items() if key_split == split and key.startswith(f"{kind}/"))
+        keys = (key for key, key_split in _splits().items() if key_split == split)
+        return tuple(key for key in keys if kind in WIDE_KINDS or key.startswith(f"{kind}/"))
 
     def class_name(self, key: str) -> str:
         """Returns an object's class without loading it."""
@@ -172,7 +173,7 @@ def _splits() -> dict[str, Split]:
         order = np.random.default_rng([SEED, _seed_of(class_name)]).permutation(count)
         for number in range(count):
             split: Split = "test" if order[number] < count // 10 else "val" if order[number] < count // 5 else "train"
-            for kind in KINDS:
+            for kind in CUBE_KINDS:
                 if kind == "pile" or _draw_family(class_name, number)[0].stands:
                     splits[f"{kind}/{class_name}_{number:04d}"] = split
     return dict(sorted(splits.items()))

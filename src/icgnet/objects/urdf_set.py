@@ -6,7 +6,7 @@ from pathlib import Path
 from icgnet.errors import DataError
 from icgnet.objects.base import FileObjectSet, ObjectFile, doubles
 from icgnet.objects.classes import VGN_CLASSES, VGN_VAL, read_alternatives, read_classes
-from icgnet.objects.kinds import KINDS, Kind, Split
+from icgnet.objects.kinds import CUBE_KINDS, WIDE_KINDS, Kind, Split
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.urdf import read_urdf_object
 
@@ -38,7 +38,7 @@ class UrdfObjectSet(FileObjectSet):
             split: Split = "test" if path.parent.name == "test" else "val" if path.stem in held_out else "train"
             name = path.stem
             files[object_key(path)] = ObjectFile(
-                path, classes.get(name, "other"), (kind,), split, alternatives.get(name)
+                path, classes.get(name, "other"), (kind, *WIDE_KINDS), split, alternatives.get(name)
             )
         super().__init__("vgn" if is_vgn else directory.resolve().name, files, left_out=doubles(copies))
 
@@ -55,7 +55,7 @@ def object_key(path: Path) -> str:
 def urdf_paths(directory: Path) -> list[Path]:
     """Returns the URDF files of a folder in the VGN layout, sorted."""
     return sorted(
-        path for kind in KINDS for split in ("train", "test") for path in directory.glob(f"{kind}/{split}/*.urdf")
+        path for kind in CUBE_KINDS for split in ("train", "test") for path in directory.glob(f"{kind}/{split}/*.urdf")
     )
 
 
@@ -78,4 +78,4 @@ def _held_out(directory: Path, is_vgn: bool) -> set[str]:
 
 def is_vgn_layout(directory: Path) -> bool:
     """Returns whether a folder has the subfolders of the VGN layout."""
-    return any((directory / kind).is_dir() for kind in KINDS)
+    return any((directory / kind).is_dir() for kind in CUBE_KINDS)

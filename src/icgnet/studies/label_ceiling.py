@@ -16,7 +16,7 @@ from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.label_scene import scene_rng
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.objects.kinds import KINDS, Kind
+from icgnet.objects.kinds import CUBE_KINDS, Kind
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.physics import Body
@@ -45,7 +45,7 @@ def measure(config: LabelCeilingConfig) -> CeilingNumbers:
         IcgnetError: unusable objects or gripper, or nothing of a kind and split in the object set.
     """
     object_set, gripper = load_object_set(config.objects), load_gripper(config.gripper)
-    return CeilingNumbers({kind: evaluate(NUMBERS, outcomes(config, kind, object_set, gripper)) for kind in KINDS})
+    return CeilingNumbers({kind: evaluate(NUMBERS, outcomes(config, kind, object_set, gripper)) for kind in CUBE_KINDS})
 
 
 def tables(numbers: CeilingNumbers) -> list[Table]:

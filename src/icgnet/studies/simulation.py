@@ -14,7 +14,7 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.objects.kinds import KINDS, Kind, Split
+from icgnet.objects.kinds import CUBE_KINDS, Kind, Split
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import sample_contacts
@@ -87,7 +87,9 @@ def measure(config: SimulationConfig) -> SimulationNumbers:
     return SimulationNumbers(
         traces=measure_traces(object_set, gripper),
         creep=measure_creep(object_set, config.split, gripper),
-        scenes={kind: measure_scenes(kind, object_set, config.split, config.scenes, config.seed) for kind in KINDS},
+        scenes={
+            kind: measure_scenes(kind, object_set, config.split, config.scenes, config.seed) for kind in CUBE_KINDS
+        },
         agreement=measure_agreement(object_set, config.split, gripper, config.trials, config.seed),
     )
 
