@@ -6,6 +6,7 @@ See docs/data_format.md for the columns.
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,11 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.objects.classes import check_class_list
 from icgnet.objects.kinds import Kind, Split
 from icgnet.simulation.scene import PlacedObject, Scene
+from icgnet.simulation.surroundings import ENDLESS, Structure, Surroundings
 
-FORMAT_VERSION = 2
-"""Since 2, folder and files name the hand and the classes of their labels."""
+FORMAT_VERSION = 3
+"""Since 2, folder and files name the hand and the classes of their labels; since 3, every recipe names its hand, its
+surroundings and the stretch of its objects."""
 ANGLES = len(APPROACH_ANGLES)
 MANIFEST = "manifest.json"
 METADATA_KEY = b"icgnet"
@@ -38,6 +41,9 @@ SCHEMA = pa.schema(
         ("object_set", pa.string()),
         ("split", pa.string()),
         ("seed", pa.int64()),
+        ("gripper", pa.string()),
+        ("extent", pa.list_(pa.float32())),
+        ("structures", pa.list_(pa.struct([("name", pa.string()), ("corners", pa.list_(pa.float32()))]))),
         (
             "objects",
             pa.list_(
@@ -46,6 +52,7 @@ SCHEMA = pa.schema(
                         ("name", pa.string()),
                         ("class_name", pa.string()),
                         ("scale", pa.float32()),
+                        ("stretch", _VECTOR),
                         ("position", _VECTOR),
                         ("quaternion", pa.list_(pa.float32(), 4)),
                     ]
@@ -121,13 +128,17 @@ class LabelHeader:
 
 @dataclass(frozen=True, eq=False)
 class RecipeObject:
-    """An object of a recipe: key and class in its set, scale, position [m] and wxyz quaternion in the world."""
+    """An object of a recipe: key and class in its set, scale, position [m] and wxyz quaternion in the world.
+
+    `stretch` holds further factors along the axes of its mesh.
+    """
 
     name: str
     class_name: str
     scale: float
     position: Float[np.ndarray, "3"]
     quaternion: Float[np.ndarray, "4"]
+    stretch: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +169,29 @@ class RecipeContacts:
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """One labelled scene. `seed` is that of the whole run; with `scene_id` it gives the scene's random stream."""
+    """One labelled scene.
+
+    Attributes:
+        scene_id: number of the scene in its run.
+        kind: of the scene.
+        object_set: where its objects come from.
+        split: which of them.
+        seed: of the whole run; with `scene_id` it gives the scene's random stream.
+        gripper: the hand that grasped.
+        objects: what can be grasped.
+        contacts: what grasping them gave.
+        surroundings: what carries the objects and what stands around them.
+    """
 
     scene_id: int
     kind: Kind
     object_set: str
     split: Split
     seed: int
+    gripper: Gripper
     objects: tuple[RecipeObject, ...]
     contacts: RecipeContacts
+    surroundings: Surroundings = ENDLESS
 
     def labels(self) -> UInt8[np.ndarray, "g a"]:
         """Success of every contact and approach angle, 0 or 1."""
@@ -181,9 +206,11 @@ class Recipe:
                     placed.name,
                     placed.scale,
                     make_transform(quaternion_to_matrix(placed.quaternion), placed.position),
+                    placed.stretch,
                 )
                 for placed in self.objects
             ),
+            self.surroundings,
         )
 
 
@@ -329,11 +356,17 @@ def _to_row(recipe: Recipe) -> dict[str, object]:
         "object_set": recipe.object_set,
         "split": recipe.split,
         "seed": recipe.seed,
+        "gripper": json.dumps(recipe.gripper.to_dict()),
+        "extent": recipe.surroundings.extent,
+        "structures": [
+            {"name": each.name, "corners": each.corners.ravel().tolist()} for each in recipe.surroundings.structures
+        ],
         "objects": [
             {
                 "name": placed.name,
                 "class_name": placed.class_name,
                 "scale": placed.scale,
+                "stretch": placed.stretch,
                 "position": placed.position.tolist(),
                 "quaternion": placed.quaternion.tolist(),
             }
@@ -341,6 +374,19 @@ def _to_row(recipe: Recipe) -> dict[str, object]:
         ],
         "contacts": [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)],
     }
+
+
+@lru_cache(maxsize=256)
+def _gripper(text: str) -> Gripper:
+    """The hand of a row; most rows have the same one."""
+    return Gripper.from_dict(json.loads(text))
+
+
+def _surroundings(row: dict[str, Any]) -> Surroundings:
+    structures = tuple(
+        Structure(each["name"], np.array(each["corners"], np.float32).reshape(-1, 3)) for each in row["structures"]
+    )
+    return Surroundings(row["extent"] and tuple(row["extent"]), structures)
 
 
 def _from_table(table: pa.Table) -> list[Recipe]:
@@ -362,6 +408,8 @@ def _from_table(table: pa.Table) -> list[Recipe]:
             object_set=row["object_set"],
             split=row["split"],
             seed=row["seed"],
+            gripper=_gripper(row["gripper"]),
+            surroundings=_surroundings(row),
             objects=tuple(
                 RecipeObject(
                     placed["name"],
@@ -369,6 +417,7 @@ def _from_table(table: pa.Table) -> list[Recipe]:
                     placed["scale"],
                     np.array(placed["position"], np.float32),
                     np.array(placed["quaternion"], np.float32),
+                    tuple(placed["stretch"]),
                 )
                 for placed in row["objects"]
             ),

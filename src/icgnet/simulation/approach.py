@@ -14,18 +14,26 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.config import Physics
 from icgnet.simulation.hand import add_swept_hand
 from icgnet.simulation.physics import Body, add_objects, new_spec
+from icgnet.simulation.surroundings import ENDLESS, Surroundings
 
 APPROACH_LENGTH = 0.05  # the hand comes in straight over this distance [m]
 PARKED = 5.0  # height of hands that are not in use [m]
 
 
 class ApproachChecker:
-    """Fixed objects, the table, and several swept hands that are checked in one collision pass.
+    """Fixed objects, the table with its surroundings, and several swept hands that are checked in one collision pass.
 
     Every box stands for all that it sweeps on its way in, so one pass checks the whole approach, without gaps.
     """
 
-    def __init__(self, bodies: Sequence[Body], gripper: Gripper, physics: Physics, hands: int = 12) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        gripper: Gripper,
+        physics: Physics,
+        hands: int = 12,
+        surroundings: Surroundings = ENDLESS,
+    ) -> None:
         """Compiles the model.
 
         Args:
@@ -33,8 +41,9 @@ class ApproachChecker:
             gripper: the hand.
             physics: engine settings.
             hands: how many poses are checked in one pass.
+            surroundings: the table or bin and what stands around it.
         """
-        spec = new_spec(physics)
+        spec = new_spec(physics, surroundings)
         add_objects(spec, bodies, physics, movable=False)
         for index in range(hands):
             add_swept_hand(spec, gripper, f"hand_{index}", APPROACH_LENGTH)

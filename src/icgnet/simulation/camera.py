@@ -10,8 +10,8 @@ from icgnet.geometry.camera import check_intrinsics, pixel_rays
 from icgnet.geometry.rays import ray_scene
 from icgnet.geometry.transforms import check_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.simulation.scene import NOTHING, TABLE
 
-NOTHING, TABLE = -1, -2
 FAR = 2.0  # the camera measures nothing beyond this depth [m]
 
 
@@ -21,7 +21,7 @@ class DepthImage:
 
     Attributes:
         depth: [h w] distance along the optical axis [m], 0 where nothing is seen.
-        ids: [h w] index of the object, `TABLE` or `NOTHING`.
+        ids: [h w] index of the object, `TABLE`, `BACKGROUND` or `NOTHING`.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -36,6 +36,7 @@ class SceneRenderer:
         triangles: Float[np.ndarray, "t 3 3"],
         owners: Int[np.ndarray, "t"],
         table_height: float | None = TABLE_HEIGHT,
+        extent: tuple[float, float, float, float] | None = None,
     ) -> None:
         """Builds the ray-tracing structure.
 
@@ -43,10 +44,11 @@ class SceneRenderer:
             triangles: corners in the world frame [m]; see `icgnet.simulation.scene.scene_triangles`.
             owners: object index of each triangle.
             table_height: height of the table plane [m], None for no table.
+            extent: of the table, see `icgnet.simulation.surroundings.Surroundings`; None for a table without end.
         """
         triangles = np.asarray(triangles, np.float32)
         self._owners = np.asarray(owners, np.int64)
-        self._table_height = table_height
+        self._table_height, self._extent = table_height, extent
         self._corners = triangles.reshape(-1, 3).astype(np.float64)
         self._scene = ray_scene(triangles)
 
@@ -68,6 +70,8 @@ class SceneRenderer:
         # Rays have z = 1 in the camera frame, so the distance that embree counts in ray lengths is the depth.
         rays = _camera_rays(intrinsics.tobytes(), shape)
         depth, ids = self._table_depth(rays @ pose[2, :3].astype(np.float32), float(pose[2, 3]))
+        if self._extent is not None:
+            self._cut_table(depth, ids, rays, pose)
         window = self._window(intrinsics, shape, pose)
         directions = rays[window] @ pose[:3, :3].T.astype(np.float32)
         distances, owners = self._hits(pose[:3, 3], directions.reshape(-1, 3))
@@ -88,6 +92,20 @@ class SceneRenderer:
             depth = np.float32(self._table_height - height) / slopes
         depth[depth <= 0.0] = np.inf
         return depth, np.where(np.isfinite(depth), TABLE, NOTHING)
+
+    def _cut_table(
+        self,
+        depth: Float[np.ndarray, "h w"],
+        ids: Int[np.ndarray, "h w"],
+        rays: Float[np.ndarray, "h w 3"],
+        pose: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Takes away what of the table plane lies beyond the table's edges."""
+        lower_x, lower_y, upper_x, upper_y = self._extent or (0.0, 0.0, 0.0, 0.0)
+        with np.errstate(invalid="ignore"):
+            x, y = (pose[axis, 3] + depth * (rays @ pose[axis, :3].astype(np.float32)) for axis in (0, 1))
+            beyond = ~((x >= lower_x) & (x <= upper_x) & (y >= lower_y) & (y <= upper_y))
+        depth[beyond], ids[beyond] = np.inf, NOTHING
 
     def _window(
         self, intrinsics: Float[np.ndarray, "3 3"], shape: tuple[int, int], pose: Float[np.ndarray, "4 4"]

@@ -131,7 +131,7 @@ class _Spawner:
         self._world = World([Body(draw.model, draw.scale, np.eye(4)) for draw in draws], physics, drop_box=drop_box)
         for index in range(len(draws)):
             self._world.park(index)
-        self._settling = Settling(self._world, watch_speed)
+        self._settling = Settling(self._world, watch_speed=watch_speed)
         self._attempts = self._rejected = 0
 
     def pack(self, count: int) -> None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from icgnet.geometry.workspace import SIZE
 from icgnet.simulation.motion import steps_in
+from icgnet.simulation.surroundings import ENDLESS, Surroundings
 from icgnet.simulation.world import World
 
 REST_SPEED = 0.01  # [m/s and rad/s together]
@@ -19,14 +19,16 @@ class Settling:
         top_speed: largest speed of any object so far [m/s]; nan if it is not watched.
     """
 
-    def __init__(self, world: World, watch_speed: bool = False) -> None:
+    def __init__(self, world: World, surroundings: Surroundings = ENDLESS, watch_speed: bool = False) -> None:
         """Begins with nothing lost.
 
         Args:
             world: the world.
+            surroundings: say where objects may be; the cube where the table has no end.
             watch_speed: look at the speeds after every step, which is slower.
         """
         self._world = world
+        self._lower, self._upper = surroundings.bounds
         self.lost = 0
         self.top_speed = 0.0 if watch_speed else float("nan")
 
@@ -41,12 +43,14 @@ class Settling:
     def remove_outside(self) -> None:
         """Waits for rest and takes away what has left the workspace, until nothing more leaves it.
 
-        An object has left when its centre of mass is beside the cube or below its floor; there is no upper limit.
+        An object has left when its centre of mass is beside the cube (the table, the bin) or below the floor of the
+        cube; there is no upper limit.
         """
         while True:
             self.wait_for_rest(REST_TIMEOUT)
             centres = self._world.centres_of_mass()
-            outside = ((centres < 0.0).any(axis=1) | (centres[:, :2] > SIZE).any(axis=1)) & self._world.present
+            beside = ((centres[:, :2] < self._lower) | (centres[:, :2] > self._upper)).any(axis=1)
+            outside = (beside | (centres[:, 2] < 0.0)) & self._world.present
             for index in np.flatnonzero(outside):
                 self._world.park(int(index))
             self.lost += int(outside.sum())

@@ -16,6 +16,7 @@ from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import Contacts
 from icgnet.simulation.motion import smooth_line, steps_in
 from icgnet.simulation.physics import Body
+from icgnet.simulation.surroundings import ENDLESS, Surroundings
 from icgnet.simulation.world import World
 
 ANGLES = len(APPROACH_ANGLES)
@@ -71,17 +72,20 @@ class Outcome:
 class Trials:
     """Grasp trials in one scene: every trial starts from the same state."""
 
-    def __init__(self, bodies: Sequence[Body], gripper: Gripper, physics: Physics) -> None:
+    def __init__(
+        self, bodies: Sequence[Body], gripper: Gripper, physics: Physics, surroundings: Surroundings = ENDLESS
+    ) -> None:
         """Compiles the worlds for the approach check and for the physics.
 
         Args:
             bodies: the objects, at rest.
             gripper: the hand.
             physics: engine and material settings.
+            surroundings: the table or bin and what stands around it.
         """
         self.gripper = gripper
-        self.checker = ApproachChecker(bodies, gripper, physics, hands=ANGLES)
-        self.world = World(bodies, physics, gripper, asleep=True)
+        self.checker = ApproachChecker(bodies, gripper, physics, ANGLES, surroundings)
+        self.world = World(bodies, physics, gripper, asleep=True, surroundings=surroundings)
         self._start = self.world.snapshot()
         self._start_positions = self.world.object_positions()
         self._start_quaternions = self.world.object_quaternions()

@@ -11,15 +11,14 @@ from icgnet.geometry.transforms import invert_transform, make_transform, transfo
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.approach import APPROACH_LENGTH
-from icgnet.simulation.config import Physics
+from icgnet.simulation.config import Physics, default_physics
 from icgnet.simulation.motion import line_at_constant_speed, steps_in
-from icgnet.simulation.physics import Body
-from icgnet.simulation.scene import Scene
+from icgnet.simulation.physics import Body, scene_bodies
+from icgnet.simulation.scene import TABLE, Scene
 from icgnet.simulation.settling import Settling
 from icgnet.simulation.trials import LIFT, retreat_vector
 from icgnet.simulation.world import World
 
-TABLE = -2  # stands for the table in lists of touched objects
 AWAY = np.array([0.0, 0.0, 2.0])  # where the hand waits [m]
 
 
@@ -77,7 +76,7 @@ LINE_REACH, LINE_SAMPLES = 0.08, 161  # how far and how finely the width of the 
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What came of one grasp; objects are indices in the workcell, `TABLE` is the table.
+    """What came of one grasp; objects are indices in the workcell, `TABLE` is the table or a structure.
 
     Attributes:
         success: by the protocol's rules.
@@ -108,9 +107,9 @@ class Workcell:
     def __init__(self, scene: Scene, object_set: ObjectSet, gripper: Gripper, physics: Physics | None = None) -> None:
         """Compiles the world; the objects are at rest, as the scene says."""
         self._scene, self._gripper = scene, gripper
-        bodies = [Body(object_set.model(each.name), each.scale, each.T_world_object) for each in scene.objects]
-        self._world = World(bodies, physics or Physics(), gripper)
-        self._settling = Settling(self._world)
+        bodies = scene_bodies(scene, object_set)
+        self._world = World(bodies, physics or default_physics(scene.kind), gripper, surroundings=scene.surroundings)
+        self._settling = Settling(self._world, scene.surroundings)
         self._planes = [_planes(body) for body in bodies]
 
     @property
@@ -122,7 +121,7 @@ class Workcell:
         """What is on the table now, in the order of `remaining`."""
         poses = self._world.object_poses()
         placed = [replace(self._scene.objects[i], T_world_object=poses[i]) for i in self.remaining]
-        return Scene(self._scene.kind, tuple(placed))
+        return replace(self._scene, objects=tuple(placed))
 
     def execute(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, protocol: Protocol) -> Execution:
         """Carries out one grasp: approach over 5 cm, close, retreat over 10 cm. What was grasped is taken away.
@@ -234,7 +233,7 @@ class Workcell:
     def _touched(self) -> list[int]:
         """What the hand touches now."""
         objects = self._world.objects_touched_by_hand().tolist()
-        return [*objects, TABLE] if self._world.hand_touches_table() else objects
+        return [*objects, TABLE] if self._world.hand_touches_surroundings() else objects
 
     def _clear(self) -> None:
         """Takes the hand away, waits for rest, and removes what has left the workspace."""
@@ -265,10 +264,15 @@ class Workcell:
 
 def _planes(body: Body) -> list[tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, "f"]]]:
     """The sides of an object's convex parts, in its own frame: normals n and offsets d [m] with n x = d on them."""
-    return [
-        (part.face_normals, np.einsum("fk,fk->f", part.face_normals, part.triangles[:, 0]) * body.scale)
-        for part in body.model.parts
-    ]
+    planes = []
+    for part in body.model.parts:
+        normals, offsets = part.face_normals, np.einsum("fk,fk->f", part.face_normals, part.triangles[:, 0])
+        if body.stretch != (1.0, 1.0, 1.0):
+            normals = normals / np.array(body.stretch)
+            length = np.linalg.norm(normals, axis=1)
+            normals, offsets = normals / length[:, None], offsets / length
+        planes.append((normals, offsets * body.scale))
+    return planes
 
 
 def _judge_held(held: tuple[int, ...], target: int, protocol: Protocol) -> Cause:

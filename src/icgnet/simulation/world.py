@@ -17,6 +17,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.config import Physics
 from icgnet.simulation.hand import SIDES, add_hand
 from icgnet.simulation.physics import Body, add_drop_box, add_objects, new_spec
+from icgnet.simulation.surroundings import ENDLESS, Surroundings
 
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 # The engine would write a log file into the user's folder; `World.is_unstable` tells the same.
@@ -63,6 +64,7 @@ class World:
         gripper: Gripper | None = None,
         drop_box: bool = False,
         asleep: bool = False,
+        surroundings: Surroundings = ENDLESS,
     ) -> None:
         """Compiles the model.
 
@@ -71,13 +73,14 @@ class World:
             physics: engine and material settings.
             gripper: the hand to add, if any; it waits high above the table.
             drop_box: surround the workspace with the walls of the drop box.
+            surroundings: the table or bin and what stands around it.
             asleep: let the objects begin asleep: they stay exactly where they are, at no cost, until touched.
 
         Raises:
             UnusableObjectError: the engine cannot make a body of an object.
         """
         self.physics = physics
-        spec = new_spec(physics)
+        spec = new_spec(physics, surroundings)
         add_objects(spec, bodies, physics, movable=True)
         if drop_box:
             add_drop_box(spec, physics)
@@ -98,7 +101,8 @@ class World:
         self._object_of_geom = np.full(self.model.ngeom, -1)
         for index, geoms in enumerate(self._geoms):
             self._object_of_geom[geoms] = index
-        self._table = self.model.geom("table").id
+        fixed = ["table", *(f"structure_{i}" for i in range(len(surroundings.structures)))]
+        self._fixed = np.array([self.model.geom(name).id for name in fixed], int)
         self._walls = (
             np.array([self.model.geom(f"wall_{i}").id for i in range(4)], int) if drop_box else np.zeros(0, int)
         )
@@ -205,13 +209,13 @@ class World:
         objects, first = np.unique(touched[touched >= 0], return_index=True)
         return objects[np.argsort(first)]
 
-    def hand_touches_table(self) -> bool:
-        """Whether any part of the hand was in contact with the table in the last step."""
+    def hand_touches_surroundings(self) -> bool:
+        """Whether any part of the hand was in contact with the table or a structure in the last step."""
         pairs = self.data.contact.geom
-        return bool((self.hand.is_hand[pairs].any(axis=1) & (pairs == self._table).any(axis=1)).any())
+        return bool((self.hand.is_hand[pairs].any(axis=1) & np.isin(pairs, self._fixed).any(axis=1)).any())
 
     def hand_touches_anything(self) -> bool:
-        """Whether any part of the hand was in contact with an object or the table in the last step."""
+        """Whether any part of the hand was in contact with an object, the table or a structure in the last step."""
         return bool(self.hand.is_hand[self.data.contact.geom].any())
 
     def _set_present(self, index: int, present: bool) -> None:

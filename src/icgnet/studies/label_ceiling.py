@@ -19,7 +19,7 @@ from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.kinds import CUBE_KINDS, Kind
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.contacts import sample_contacts
-from icgnet.simulation.physics import Body
+from icgnet.simulation.physics import scene_bodies
 from icgnet.simulation.scene import world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Trials
@@ -78,7 +78,7 @@ def _label_often(
     if not scene.objects:
         return None
     contacts = sample_contacts([world_mesh(placed, object_set) for placed in scene.objects], settings.contacts, rng)
-    bodies = [Body(object_set.model(placed.name), placed.scale, placed.T_world_object) for placed in scene.objects]
+    bodies = scene_bodies(scene, object_set)
     rows = []
     for _ in range(config.repeats):
         physics = replace(

@@ -19,7 +19,7 @@ from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.holds import Hold, hold_from_above
-from icgnet.simulation.physics import Body
+from icgnet.simulation.physics import scene_bodies
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import Spawn, spawn, spawn_scene
 from icgnet.simulation.trials import Trials
@@ -166,7 +166,7 @@ def _decide_twice(
     """The fields of `TwiceDecided` for one random angle at each contact of a scene."""
     if not scene.objects:
         return []
-    bodies = [Body(object_set.model(each.name), each.scale, each.T_world_object) for each in scene.objects]
+    bodies = scene_bodies(scene, object_set)
     trials = Trials(bodies, gripper, Physics())
     contacts = sample_contacts([world_mesh(each, object_set) for each in scene.objects], CONTACTS, rng)
     widths = contacts.widths[:, 0]

@@ -11,7 +11,7 @@ import trimesh
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from icgnet.benchmark.observation import Observation, Truth
+from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import transform_points
@@ -19,9 +19,10 @@ from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.approach import ApproachChecker
-from icgnet.simulation.config import Jitter, Physics
+from icgnet.simulation.config import Jitter, Physics, default_physics
 from icgnet.simulation.contacts import sample_contacts
-from icgnet.simulation.physics import Body
+from icgnet.simulation.physics import Body, scene_bodies
+from icgnet.simulation.scene import Scene
 from icgnet.simulation.trials import Trials
 
 CONTACTS = 200  # that are tried on every object
@@ -68,27 +69,24 @@ class OraclePlanner:
         """
         if observation.truth is None:
             raise InputError("the planner oracle needs the true scene in the observation")
-        bodies = _bodies(observation.truth)
+        scene = observation.truth.scene
+        bodies = scene_bodies(scene, observation.truth.object_set)
         if not bodies:
             return Plan.nothing()
         lines = _lines(bodies, observation.gripper, observation.rng)
         openings = np.repeat(observation.openings(lines.widths), ANGLES)
         poses = grasp_poses(lines.starts, lines.normals, lines.widths, observation.gripper.finger_reach)
         poses = _clear_of_table(poses.reshape(-1, 4, 4), openings, observation)
-        checker = ApproachChecker(bodies, observation.gripper, Physics(), HANDS)
+        checker = ApproachChecker(bodies, observation.gripper, Physics(), HANDS, scene.surroundings)
         preference = np.repeat(lines.preference, ANGLES) - DOWNWARDS * poses[:, 2, 2]
         best = _first_free(np.argsort(-preference, kind="stable"), poses, openings, checker)
         scores = _robustness(lines, best, checker, observation) + preference[best]
         order = np.argsort(-scores, kind="stable")
-        order = _tried_first(order, poses[best], openings[best], lines.objects[best // ANGLES], bodies, observation)
+        targets = lines.objects[best // ANGLES]
+        order = _tried_first(order, poses[best], openings[best], targets, bodies, scene, observation)
         # The trial outweighs the score, and scores descend in every plan.
         scores[order[:1]] = scores.max(initial=-np.inf)
         return Plan(poses[best[order]], openings[best[order]], scores[order])
-
-
-def _bodies(truth: Truth) -> list[Body]:
-    model = truth.object_set.model
-    return [Body(model(placed.name), placed.scale, placed.T_world_object) for placed in truth.scene.objects]
 
 
 def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator) -> _Lines:
@@ -144,10 +142,11 @@ def _tried_first(
     openings: Float[np.ndarray, "g"],
     targets: Int[np.ndarray, "g"],
     bodies: list[Body],
+    scene: Scene,
     observation: Observation,
 ) -> Int[np.ndarray, "g"]:
     """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does."""
-    trials = Trials(bodies, observation.gripper, Physics())
+    trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
     for grasp in order[:TRIALS].tolist():
         if trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp])).success:
             return np.concatenate([[grasp], order[order != grasp]])
@@ -163,14 +162,14 @@ def _clear_of_table(
 def _touchable(body: Body) -> trimesh.Trimesh:
     """What the physics touches of a body, in the world [m]; the visual mesh may be hollow where this is not."""
     corners = np.concatenate([part.triangles for part in body.model.parts]).reshape(-1, 3)
-    corners = transform_points(body.T_world_object, corners * body.scale)
+    corners = transform_points(body.T_world_object, corners * body.factors)
     return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
 
 
 def _centre_of_mass(body: Body) -> Float[np.ndarray, "3"]:
     volumes = np.array([abs(part.volume) for part in body.model.parts])
     centre = volumes @ np.array([part.center_mass for part in body.model.parts]) / volumes.sum()
-    return transform_points(body.T_world_object, centre[None] * body.scale)[0]
+    return transform_points(body.T_world_object, centre[None] * body.factors)[0]
 
 
 def _normals_at(
