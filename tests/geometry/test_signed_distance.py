@@ -242,6 +242,31 @@ def test_one_grid_serves_all_scales_and_places(grids):
     np.testing.assert_allclose(distance, 1.5 * grids["box"].distance(points), atol=1e-9)
 
 
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_stretched_object_is_measured_as_by_its_own_grid(name, grids):
+    factors, stretch = np.array([1.2, 1.2, 1.2]), 1.15
+    factors[{"sphere": 0, "box": 1, "pipe": 2}[name]] *= stretch
+    mesh, _ = SHAPES[name]
+    rebuilt = build_signed_distance_grid(trimesh.Trimesh(factors * mesh.vertices, mesh.faces, process=False))
+    T_world_object = make_transform(quaternion_to_matrix(np.array([0.6, 0.0, 0.0, 0.8])), np.array([0.1, 0.2, 0.3]))
+    points = factors * random_points(mesh)
+    told = grids[name].distance_from(transform_points(T_world_object, points), T_world_object, factors)
+    own = rebuilt.distance(points)
+    clear = np.abs(own) > 0.0005
+    assert ((told < 0.0) == (own < 0.0))[clear].all()
+    assert ((told < 0.0) == (own < 0.0)).mean() >= 0.995
+    assert (np.abs(told) <= np.abs(own) + PITCH).all()
+    assert (np.abs(told) >= np.abs(own) / stretch - PITCH).all()
+    assert np.mean(np.abs(told) - np.abs(own)) < 0.0
+
+
+def test_three_equal_factors_are_one_bit_for_bit(grids):
+    points = random_points(SHAPES["pipe"][0], 2000)
+    one, three = (grids["pipe"].distance_from(points, np.eye(4), scale) for scale in (1.3, np.full(3, 1.3)))
+    np.testing.assert_array_equal(one, three)
+    np.testing.assert_array_equal(one, 1.3 * grids["pipe"].distance(points / 1.3))
+
+
 def test_saved_grid_is_read_back_unchanged(tmp_path: Path, grids):
     grids["box"].save(tmp_path / "grid.npz")
     loaded = SignedDistanceGrid.load(tmp_path / "grid.npz")

@@ -7,10 +7,9 @@ import numpy as np
 
 from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
-from icgnet.errors import DataError, InputError
+from icgnet.errors import InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.base import FileObjectSet
 from icgnet.objects.kinds import Kind, Split
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.contacts import sample_contacts
@@ -45,10 +44,8 @@ def label_scene(
         try:
             return _label(scene_id, seed, kind, split, object_set, gripper, settings)
         except UnusableObjectError as error:
-            if not isinstance(object_set, FileObjectSet):
-                raise DataError(str(error)) from error
-            _LOG.warning("warning: %s; left out of scene %d", error, scene_id)
             object_set = object_set.without({error.name: error.reason})
+            _LOG.warning("warning: %s; left out of scene %d", error, scene_id)
 
 
 def _label(

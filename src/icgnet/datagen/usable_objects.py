@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from icgnet.datagen.config import GenerateConfig
 from icgnet.datagen.recipe import MANIFEST
 from icgnet.errors import InputError
-from icgnet.objects.base import FileObjectSet
 from icgnet.objects.check import check_object_set
 from icgnet.objects.object_set import ObjectSet, load_object_set
 
@@ -46,7 +45,7 @@ def usable_objects(config: GenerateConfig) -> UsableObjects:
     problems: dict[str, dict[str, str]] = {"ok": {}, "warning": {}, "broken": {}}
     for report in check_object_set(object_set, sorted(keys)):
         problems[report.status][report.name] = "; ".join(report.problems)
-    if isinstance(object_set, FileObjectSet):
+    if problems["broken"]:
         object_set = object_set.without(problems["broken"])
     for kind in config.kinds:
         if not object_set.names(kind, config.split):

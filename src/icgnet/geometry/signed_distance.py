@@ -50,11 +50,24 @@ class SignedDistanceGrid:
     values: Float16[np.ndarray, "x y z"]
 
     def distance_from(
-        self, points: Float[np.ndarray, "n 3"], T_world_object: Float[np.ndarray, "4 4"], scale: float
+        self,
+        points: Float[np.ndarray, "n 3"],
+        T_world_object: Float[np.ndarray, "4 4"],
+        scale: float | Float[np.ndarray, "3"],
     ) -> Float[np.ndarray, "n"]:
-        """Returns the signed distance of world points [m] from the object, scaled by a factor and placed."""
+        """Returns the signed distance of world points [m] from the object, scaled and placed.
+
+        Of a stretched object (three factors), inside and outside are exact, and the distance is a bound: the nearest
+        point of the surface is at least so far away, and at most the ratio of the largest to the smallest factor
+        further.
+
+        Args:
+            points: world frame [m].
+            T_world_object: pose of the object, without scale.
+            scale: factor of its size, or one for each axis of its own frame.
+        """
         local = (points - T_world_object[:3, 3]) @ T_world_object[:3, :3]
-        return scale * self.distance(local / scale)
+        return np.min(scale) * self.distance(local / scale)
 
     def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Returns the signed distance of points in the object frame [m], trilinear between the nodes.

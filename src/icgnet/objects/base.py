@@ -2,17 +2,20 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from icgnet.errors import InputError
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.errors import DataError, InputError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.objects.fingerprint import hash_files
-from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split, Units
+from icgnet.objects.kinds import CUBE_KINDS, KINDS, SPLITS, Kind, Split, Units
 from icgnet.objects.model import ObjectModel
 
 _GRIDS_IN_MEMORY = 512
@@ -61,6 +64,36 @@ class ObjectSet(ABC):
         """
         self.class_name(key)
         return None
+
+    def group(self, key: str) -> str:
+        """Returns what an object is one of several of, its folder: see `draw_weights`."""
+        return key.rpartition("/")[0]
+
+    def draw_weights(self, kind: Kind, split: Split) -> Float[np.ndarray, "n"]:
+        """Returns how often each of `names(kind, split)` is drawn, adding up to 1.
+
+        In packed and pile scenes all objects are alike. In wide scenes a group of objects is drawn as often as the
+        square root of their number says, so that hundreds of random bodies do not drown a shelf of groceries.
+
+        Raises:
+            InputError: unknown kind or split.
+        """
+        names = self.names(kind, split)
+        if kind in CUBE_KINDS:
+            return np.full(len(names), 1.0 / max(len(names), 1))
+        groups = [self.group(name) for name in names]
+        sizes = Counter(groups)
+        weights = np.array([sizes[group] ** -0.5 for group in groups], np.float64)
+        return weights / weights.sum()
+
+    def without(self, left_out: Mapping[str, str]) -> "ObjectSet":
+        """Returns the set without some of its objects; `left_out` gives the reason for each.
+
+        Raises:
+            DataError: the set makes its objects itself, so that something is wrong with the program.
+        """
+        key, reason = next(iter(left_out.items()))
+        raise DataError(f"object {key!r} of {self.name!r} cannot be used: {reason}")
 
     @abstractmethod
     def fingerprint(self, key: str) -> str:

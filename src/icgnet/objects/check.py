@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +16,7 @@ from icgnet.objects.base import FileObjectSet, ObjectSet, cache_directory, doubl
 from icgnet.objects.fingerprint import hash_texts
 from icgnet.objects.kinds import Units
 from icgnet.objects.mesh_folder import LIST_FILE, object_paths, read_folder_list, read_scaled_mesh
+from icgnet.objects.mixed_set import SEPARATOR, MixedObjectSet
 from icgnet.objects.model import check_size
 from icgnet.objects.urdf import read_urdf_object
 from icgnet.objects.urdf_set import is_vgn_layout, object_key, urdf_paths
@@ -82,6 +83,12 @@ def check_object_set(object_set: ObjectSet, keys: Sequence[str]) -> list[ObjectR
     Reports are remembered in the cache folder until a file changes, because reading several hundred meshes takes some
     seconds. Procedural shapes come without a report: tests hold that they are in order.
     """
+    if isinstance(object_set, MixedObjectSet):
+        return [
+            replace(report, name=f"{member.name}{SEPARATOR}{report.name}")
+            for member, own in object_set.split_keys(keys)
+            for report in check_object_set(member, own)
+        ]
     if not isinstance(object_set, FileObjectSet):
         return []
     objects = [(key, object_set.file(key).path, object_set.fingerprint(key)) for key in keys]

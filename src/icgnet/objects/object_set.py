@@ -9,6 +9,7 @@ from icgnet.errors import InputError
 from icgnet.objects.base import ObjectSet, cache_directory, check_kind_and_split
 from icgnet.objects.kinds import KINDS, SPLITS, Kind, Split, Units
 from icgnet.objects.mesh_folder import MeshFolderObjectSet
+from icgnet.objects.mixed_set import MixedObjectSet
 from icgnet.objects.procedural import ProceduralObjectSet
 from icgnet.objects.urdf_set import UrdfObjectSet, is_vgn_layout
 
@@ -30,13 +31,17 @@ def load_object_set(source: str | Path, units: Units | None = None) -> ObjectSet
 
     Args:
         source: "procedural" (the embedded set), a folder in the VGN layout (`packed/`, `pile/` with URDFs), or a
-            folder of OBJ, PLY, STL or GLB meshes or of single URDFs.
+            folder of OBJ, PLY, STL or GLB meshes or of single URDFs; or several of these with commas between them
+            ("procedural,my_objects"), which are mixed.
         units: units of a folder of meshes, if its `objects.yaml` does not say them.
 
     Raises:
-        InputError: there is no such folder or set.
+        InputError: there is no such folder or set, or two that are mixed have the same name.
         DataError: the folder holds no objects, or its lists are broken.
     """
+    parts = [part.strip() for part in str(source).split(",")]
+    if len(parts) > 1 and not Path(source).expanduser().is_dir():
+        return MixedObjectSet([load_object_set(part, units) for part in parts])
     if str(source) == "procedural":
         return ProceduralObjectSet()
     directory = Path(source).expanduser()
