@@ -5,11 +5,18 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from icgnet.errors import InputError
-from icgnet.objects.kinds import CUBE_KINDS, Kind, Split
+from icgnet.objects.kinds import KINDS, Kind, Split
 from icgnet.settings import check_choices, check_range
-from icgnet.simulation.config import Jitter, Physics
+from icgnet.simulation.config import Jitter, Physics, WideScenes
 
-SceneChoice = Literal["packed", "pile", "both"]
+SceneChoice = Literal["packed", "pile", "both", "table", "bin", "wide", "all"]
+TURNS: dict[SceneChoice, tuple[Kind, ...]] = {
+    **{kind: (kind,) for kind in KINDS},
+    "both": ("packed", "pile", "pile"),
+    "wide": ("table", "table", "bin"),
+    "all": ("packed", "table", "pile", "table", "pile", "bin"),
+}
+"""The kinds of successive scenes of a run."""
 RAY_ADDRESS = r"local|auto|(ray://)?[^:/]+:\d+"
 
 
@@ -18,12 +25,14 @@ class Variation:
     """Ranges of what is drawn once a scene for the label trials (scenes themselves settle with fixed physics)."""
 
     mass: tuple[float, float] = (0.3, 0.7)
-    """Of every object [kg]."""
+    """Of every object of a packed or pile scene [kg]."""
+    density: tuple[float, float] = (200.0, 800.0)
+    """Of all objects of a table or bin [kg/m^3]."""
     pad_friction: tuple[float, float] = (0.6, 0.9)
     """Sliding friction of the finger pads."""
 
     def __post_init__(self) -> None:
-        for name, (lower, upper) in (("mass", self.mass), ("pad_friction", self.pad_friction)):
+        for name, (lower, upper) in vars(self).items():
             if not 0.0 < lower <= upper:
                 raise InputError(f"variation {name} must be a range of positive numbers, got ({lower}, {upper})")
 
@@ -33,9 +42,13 @@ class LabelSettings:
     """How scenes are labelled."""
 
     contacts: int = 48
-    """Contacts that are tried in each scene, at twelve angles each."""
+    """Contacts that are tried in each packed or pile scene, at twelve angles each."""
+    contacts_per_object: int = 16
+    """Contacts that are tried on each object of a table or bin."""
     object_count: int | None = None
     """Objects to try for in every scene; drawn anew for each if None."""
+    wide: WideScenes = field(default_factory=WideScenes)
+    """How large tables and bins are, and what is on them."""
     physics: Physics = field(default_factory=Physics)
     """Engine and materials."""
     jitter: Jitter = field(default_factory=Jitter)
@@ -44,9 +57,9 @@ class LabelSettings:
     """Drawn anew for each scene."""
 
     def __post_init__(self) -> None:
-        check_range(self, 1.0, "contacts", "object_count")
+        check_range(self, 1.0, "contacts", "contacts_per_object", "object_count")
         usual = Physics()
-        for name, drawn in (("object_mass", "mass"), ("pad_friction", "pad_friction")):
+        for name, drawn in (("object_mass", "mass"), ("density", "density"), ("pad_friction", "pad_friction")):
             if getattr(self.physics, name) != getattr(usual, name):
                 raise InputError(f"physics.{name} is drawn anew for each scene: set variation.{drawn} instead")
 
@@ -58,7 +71,8 @@ class GenerateConfig:
     objects: str = "procedural"
     """'procedural', or a folder of URDFs (VGN layout) or meshes."""
     scene: SceneChoice = "both"
-    """Kind of scenes; both makes one packed scene for every two piles."""
+    """Kind of scenes. both: one packed scene for every two piles; wide: two tables for every bin; all: both and wide in
+    turns."""
     scenes: int = 100
     """Number of scenes; a larger number continues a folder that has fewer."""
     split: Split = "train"
@@ -86,11 +100,10 @@ class GenerateConfig:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """The kinds of scenes that the run makes."""
-        return CUBE_KINDS if self.scene == "both" else (self.scene,)
+        return tuple(kind for kind in KINDS if kind in TURNS[self.scene])
 
 
 def kind_of(choice: SceneChoice, scene_id: int) -> Kind:
     """The kind of a scene in a run."""
-    if choice == "both":
-        return "packed" if scene_id % 3 == 0 else "pile"
-    return choice
+    turns = TURNS[choice]
+    return turns[scene_id % len(turns)]

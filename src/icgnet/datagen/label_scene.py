@@ -10,10 +10,11 @@ from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bit
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.kinds import WIDE_KINDS, Kind, Split
 from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.config import Physics
 from icgnet.simulation.contacts import sample_contacts
-from icgnet.simulation.physics import Body
+from icgnet.simulation.physics import scene_bodies
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Trials
@@ -53,20 +54,21 @@ def _label(
 ) -> Recipe:
     rng = scene_rng(seed, scene_id)
     scene = _spawn(kind, object_set, split, rng, settings)
-    contacts = sample_contacts([world_mesh(placed, object_set) for placed in scene.objects], settings.contacts, rng)
-    physics = replace(
-        settings.physics,
-        object_mass=rng.uniform(*settings.variation.mass),
-        pad_friction=rng.uniform(*settings.variation.pad_friction),
-    )
-    bodies = [Body(object_set.model(placed.name), placed.scale, placed.T_world_object) for placed in scene.objects]
-    labels = Trials(bodies, gripper, physics).label(contacts, rng, settings.jitter)
+    wide = kind in WIDE_KINDS
+    count = settings.contacts_per_object * len(scene.objects) if wide else settings.contacts
+    contacts = sample_contacts([world_mesh(placed, object_set) for placed in scene.objects], count, rng)
+    variation = settings.variation
+    weight = {"density": rng.uniform(*variation.density)} if wide else {"object_mass": rng.uniform(*variation.mass)}
+    physics = replace(_physics(kind, settings.physics), **weight, pad_friction=rng.uniform(*variation.pad_friction))
+    trials = Trials(scene_bodies(scene, object_set), gripper, physics, scene.surroundings)
+    labels = trials.label(contacts, rng, settings.jitter)
     return Recipe(
         scene_id,
         kind,
         object_set.name,
         split,
         seed,
+        gripper,
         _recipe_objects(scene, object_set),
         RecipeContacts(
             positions=contacts.positions.astype(np.float32),
@@ -77,12 +79,19 @@ def _label(
             collided=pack_bits(labels.collided),
             disturbed=pack_bits(labels.disturbed),
         ),
+        scene.surroundings,
     )
+
+
+def _physics(kind: Kind, physics: Physics) -> Physics:
+    """The settings for a kind of scenes: in wide ones density decides on the masses."""
+    return replace(physics, object_mass=None) if kind in WIDE_KINDS else physics
 
 
 def _spawn(kind: Kind, object_set: ObjectSet, split: Split, rng: np.random.Generator, settings: LabelSettings) -> Scene:
     for _ in range(MAX_EMPTY_SCENES):
-        scene = spawn_scene(kind, object_set, split, rng, settings.object_count, settings.physics)
+        physics = _physics(kind, settings.physics)
+        scene = spawn_scene(kind, object_set, split, rng, settings.object_count, physics, settings.wide)
         if scene.objects:
             return scene
     raise InputError(
@@ -98,6 +107,7 @@ def _recipe_objects(scene: Scene, object_set: ObjectSet) -> tuple[RecipeObject, 
             float(np.float32(placed.scale)),
             placed.T_world_object[:3, 3].astype(np.float32),
             matrix_to_quaternion(placed.T_world_object[:3, :3]).astype(np.float32),
+            placed.stretch,
         )
         for placed in scene.objects
     )

@@ -1,6 +1,7 @@
 """One object of a set: what the camera sees, and what the physics touches."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,12 @@ class ObjectModel:
     class_name: str
     visual: trimesh.Trimesh
     parts: tuple[trimesh.Trimesh, ...]
+
+    @cached_property
+    def fill(self) -> float:
+        """The share of its convex hull that its parts fill: little for bowls, mugs and what else is hollow or bent."""
+        hull = convex_hull(np.concatenate([part.vertices for part in self.parts]))
+        return sum(abs(float(part.volume)) for part in self.parts) / abs(float(hull.volume))
 
     def signed_distance(self, cache: Path | None = None) -> SignedDistanceGrid:
         """Returns the signed-distance grid of the visual mesh, read from or written to the folder `cache`."""

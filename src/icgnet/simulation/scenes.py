@@ -1,4 +1,4 @@
-"""Random scenes as in the published benchmark: objects packed side by side, or dropped into a pile."""
+"""Random scenes: as in the published benchmark, objects packed side by side or dropped into a pile; or wide ones."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,11 @@ from jaxtyping import Float
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform, random_rotation, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.kinds import WIDE_KINDS, Kind, Split
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import ObjectSet, check_kind_and_split
-from icgnet.simulation.config import Physics
+from icgnet.simulation.config import Physics, WideScenes, default_physics
+from icgnet.simulation.layouts import spawn_wide
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.settling import Settling
@@ -29,10 +30,11 @@ class Spawn:
     """A random scene at rest, and how it came about.
 
     Attributes:
-        scene: what stands on the table.
+        scene: what stands there.
         attempts: objects that were tried.
         rejected: packed objects that had no room where they were tried.
-        lost: objects that left the workspace; all of them, should the simulation have become unstable.
+        lost: objects that left the workspace; all of them, should the simulation have become unstable. Of wide scenes
+            also those that found no room or did not come to rest.
         top_speed: largest speed of any object [m/s]; nan if it was not watched.
     """
 
@@ -64,9 +66,10 @@ def spawn_scene(
     rng: np.random.Generator,
     count: int | None = None,
     physics: Physics | None = None,
+    wide: WideScenes | None = None,
 ) -> Scene:
     """A random scene at rest; see `spawn`."""
-    return spawn(kind, object_set, split, rng, count, physics).scene
+    return spawn(kind, object_set, split, rng, count, physics, wide=wide).scene
 
 
 def spawn(
@@ -77,31 +80,37 @@ def spawn(
     count: int | None = None,
     physics: Physics | None = None,
     watch_speed: bool = False,
+    wide: WideScenes | None = None,
 ) -> Spawn:
     """A random scene at rest. It may hold fewer than `count` objects, even none.
 
     Args:
-        kind: "packed" or "pile".
+        kind: "packed", "pile", "table" or "bin".
         object_set: where objects come from.
         split: "train", "val" or "test".
         rng: source of every draw.
-        count: number of objects to try for; drawn by `draw_count` if None.
-        physics: engine settings; the benchmark's if None.
+        count: number of objects to try for; drawn by `draw_count`, or as `wide` says, if None.
+        physics: engine settings; `default_physics` if None.
         watch_speed: look at the speeds after every step, which is slower.
+        wide: ranges from which tables and bins are drawn; the defaults if None.
 
     Raises:
         InputError: unknown kind or split, or the object set has nothing for them.
     """
     check_kind_and_split(kind, split)
-    count = draw_count(rng) if count is None else count
     names = object_set.names(kind, split)
     if not names:
         raise InputError(f"object set {object_set.name!r} has no objects for {kind} scenes in split {split!r}")
+    physics = physics or default_physics(kind)
+    if kind in WIDE_KINDS:
+        scene, ways = spawn_wide(kind, object_set, split, rng, count, physics, wide or WideScenes())
+        return Spawn(scene, ways.total(), 0, ways["lost"], float("nan"))
+    count = draw_count(rng) if count is None else count
     if kind == "packed":
         draws = [_draw(object_set, names, rng, (0.08, 0.22), (0.7, 0.8), upright=True) for _ in range(PACKED_ATTEMPTS)]
     else:
         draws = [_draw(object_set, names, rng, (0.1, 0.2), (0.8, 1.0), upright=False) for _ in range(count)]
-    spawner = _Spawner(draws, physics or Physics(), drop_box=kind == "pile", watch_speed=watch_speed)
+    spawner = _Spawner(draws, physics, drop_box=kind == "pile", watch_speed=watch_speed)
     if kind == "packed":
         spawner.pack(count)
     else:

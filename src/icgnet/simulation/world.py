@@ -196,6 +196,15 @@ class World:
         self.model.geom_margin[geoms] = self.model.body_margin[body] = 0.0
         return bool(np.isin(self.data.contact.geom, geoms).any())
 
+    def sunk_objects(self, depth: float) -> Int[np.ndarray, "k"]:
+        """The objects that were deeper than `depth` [m] inside of another one, or of anything, in the last step.
+
+        Of two objects the one with the higher index is named.
+        """
+        deep = self.data.contact.geom[self.data.contact.dist < -depth]
+        objects = self._object_of_geom[deep].max(axis=1, initial=-1)
+        return np.unique(objects[objects >= 0])
+
     def is_held(self, index: int) -> bool:
         """Whether both fingers are in contact with an object."""
         pairs = self.data.contact.geom
