@@ -29,12 +29,12 @@ MODES: dict[str, dict[Mode, float]] = {
 }
 """How objects come into a scene, and how often on the average; every scene draws its own mixture around that."""
 ON_SUPPORT = ("spread", "touching")
-AREA_PER_OBJECT = {"table": 0.010, "bin": 0.005}
+AREA_PER_OBJECT = {"table": 0.014, "bin": 0.008}
 """Smallest part of the support that an object needs [m^2]."""
 UPRIGHT = 0.6
 """Share of the objects that are put down as they stand."""
-GAP = 0.003
-"""Objects that are spread are farther apart than this [m]."""
+GAP = (0.003, 0.03)
+"""Objects that are spread are farther apart than a distance from this range [m]."""
 FALL = 0.003
 """What is put on something starts this far above it [m]."""
 RAISE, HIGHEST = 0.006, 0.5
@@ -214,7 +214,7 @@ class _Layout:
 
     def _spread(self, index: int, draw: _Draw) -> bool:
         """Somewhere on the support, away from everything else."""
-        return any(self._put(index, draw, self._anywhere(), GAP) for _ in range(PLACES))
+        return any(self._put(index, draw, self._anywhere(), self._rng.uniform(*GAP)) for _ in range(PLACES))
 
     def _touching(self, index: int, draw: _Draw) -> bool:
         """Beside another object, as near as it gets."""
@@ -228,7 +228,7 @@ class _Layout:
             corners = self._corners(base)[:, :2]
             middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
             reach = np.linalg.norm(draw.vertices @ draw.rotation.T[:, :2], axis=1).max()
-            start = float(((corners - middle) @ way).max() + reach) + GAP
+            start = float(((corners - middle) @ way).max() + reach) + STEP
             if not self._put(index, draw, middle + start * way, margin=0.0):
                 continue
             for distance in np.arange(start - STEP, 0.0, -STEP):
@@ -288,7 +288,7 @@ class _Layout:
     def _put(self, index: int, draw: _Draw, place: Float[np.ndarray, "2"], margin: float) -> bool:
         """Puts an object on the support; False where it would touch anything, or come nearer than `margin` [m]."""
         lowest = (draw.vertices @ draw.rotation[2]).min()
-        at = np.array([*place, TABLE_HEIGHT + FALL + margin - lowest])
+        at = np.array([*place, TABLE_HEIGHT + max(FALL, margin + 1e-4) - lowest])
         self._world.place(index, make_transform(draw.rotation, at))
         if ((place < self._lower) | (place > self._lower + self._size)).any():
             return False
