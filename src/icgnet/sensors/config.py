@@ -1,8 +1,9 @@
 """Which errors a sensor makes and how large they are; nothing heavy is imported here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ def up_to(most: float, probability: float = 1.0) -> Amount:
 
 
 NEVER = Amount()
+BASELINE = 0.050
+"""Distance of the two cameras of the RealSense D435 [m]."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,12 @@ class SensorNoise:
         shadow: above 0, pixels that the second camera of a stereo pair cannot see are lost.
         grazing: cosine between line of sight and normal below which pixels are lost.
         spots: round holes in the image.
+        dark: share of the objects that send too little light back from a part of them.
+        multipath: share of the light that surfaces send on to each other.
+        wiggle: amplitude of an error that goes up and down with the distance [m].
+        shot_noise: standard deviation for a bright surface at 1 m, seen from the front, alone for each pixel [m].
+        blending: standard deviation of the spread of a point's light [pixels].
+        wandering: standard deviation by which pixels of depth edges are displaced [pixels].
         disparity_noise: standard deviation of the disparity [pixels].
         disparity_step: smallest step of the disparity [pixels].
         smoothing: passes of an edge-preserving filter.
@@ -52,6 +61,8 @@ class SensorNoise:
         blocks: share of the 2 cm blocks that are erased.
         deformation: standard deviation of a smooth displacement of the cloud [m].
         gaussian: standard deviation of independent noise on the points [m].
+        baseline: distance of the two cameras, or of camera and projector [m].
+        one_of: if there are any, one of these is drawn for each picture, and all else here is not used.
     """
 
     fattening: Amount = NEVER
@@ -69,7 +80,65 @@ class SensorNoise:
     blocks: Amount = NEVER
     deformation: Amount = NEVER
     gaussian: Amount = NEVER
+    dark: Amount = NEVER
+    multipath: Amount = NEVER
+    wiggle: Amount = NEVER
+    shot_noise: Amount = NEVER
+    blending: Amount = NEVER
+    wandering: Amount = NEVER
+    baseline: float = BASELINE
+    one_of: tuple["SensorNoise", ...] = ()
 
+    def pick(self, rng: np.random.Generator) -> "SensorNoise":
+        """The noise of one picture: one of several, or this itself, which takes no draw."""
+        return self.one_of[rng.integers(len(self.one_of))] if self.one_of else self
+
+
+STEREO = SensorNoise(
+    fattening=Amount(1.0, 2.0),
+    shadow=exactly(1.0),
+    grazing=Amount(0.10, 0.20),
+    spots=up_to(4.0),
+    dark=up_to(0.1),
+    disparity_noise=Amount(0.05, 0.25),
+    disparity_step=exactly(1 / 32),
+    smoothing=Amount(0.0, 2.0),
+    flying=up_to(0.4),
+    depth_unit=exactly(0.001),
+)
+"""A RealSense D400 from 0.35 to 1.4 m."""
+STRUCTURED_LIGHT = SensorNoise(
+    shadow=exactly(1.0),
+    grazing=Amount(0.10, 0.25),
+    spots=up_to(4.0),
+    dark=up_to(0.2),
+    wandering=Amount(0.6, 1.0),
+    disparity_noise=Amount(0.04, 0.10),
+    disparity_step=exactly(1 / 8),
+    depth_unit=exactly(0.001),
+    baseline=0.075,
+)
+"""A Kinect of 2010, or another camera with the sensor of Primesense."""
+PHOXI = replace(
+    STRUCTURED_LIGHT,
+    wandering=up_to(0.5),
+    disparity_noise=Amount(0.03, 0.06),
+    disparity_step=NEVER,
+    depth_unit=exactly(0.0001),
+    baseline=0.2,
+)
+"""A Photoneo PhoXi, which finds each pixel by itself in a sequence of patterns."""
+TIME_OF_FLIGHT = SensorNoise(
+    grazing=Amount(0.05, 0.15),
+    spots=up_to(2.0),
+    dark=up_to(0.2),
+    multipath=Amount(0.1, 0.5),
+    wiggle=up_to(0.004),
+    shot_noise=Amount(0.001, 0.002),
+    blending=Amount(0.4, 0.7),
+    depth_unit=exactly(0.001),
+)
+"""A Kinect of 2013, or an Azure Kinect."""
 
 NOISES = {
     "clean": SensorNoise(),
@@ -105,5 +174,50 @@ NOISES = {
         deformation=up_to(0.001, 0.3),
         gaussian=up_to(0.002),
     ),
+    "stereo": STEREO,
+    "structured_light": STRUCTURED_LIGHT,
+    "time_of_flight": TIME_OF_FLIGHT,
+    "wide": SensorNoise(one_of=(STEREO, STRUCTURED_LIGHT, TIME_OF_FLIGHT)),
 }
-"""Presets by name: none; the paper's Gaussian; the benchmark's hard setting; a D415 or D435; all, for training."""
+"""Presets by name: none; the paper's Gaussian; the benchmark's hard setting; a D415 or D435 at arm's length; all, for
+training; then the three kinds of cameras over whole tables, and one of them for each picture."""
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A depth camera at its own resolution.
+
+    Attributes:
+        name: as in `CAMERAS`.
+        shape: height and width of the depth image [pixels].
+        focal: focal length of the depth image [pixels].
+        noise: what it does to a picture; it knows the baseline.
+    """
+
+    name: str
+    shape: tuple[int, int]
+    focal: float
+    noise: SensorNoise
+
+    @property
+    def intrinsics(self) -> Float[np.ndarray, "3 3"]:
+        """Camera matrix [pixels], with the optical axis through the middle of the image."""
+        height, width = self.shape
+        return np.array([[self.focal, 0.0, (width - 1) / 2], [0.0, self.focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
+
+
+CAMERAS = {
+    camera.name: camera
+    for camera in (
+        CameraModel("d435", (720, 1280), 640.0, STEREO),
+        CameraModel("d435_vga", (480, 640), 385.0, STEREO),
+        CameraModel("d415", (720, 1280), 925.0, replace(STEREO, baseline=0.055)),
+        CameraModel("d415_vga", (480, 640), 615.0, replace(STEREO, baseline=0.055)),
+        CameraModel("kinect_v1", (480, 640), 580.0, STRUCTURED_LIGHT),
+        CameraModel("primesense", (480, 640), 540.0, STRUCTURED_LIGHT),
+        CameraModel("phoxi", (772, 1032), 1105.0, PHOXI),
+        CameraModel("kinect_v2", (424, 512), 365.0, TIME_OF_FLIGHT),
+        CameraModel("azure_kinect", (576, 640), 504.0, TIME_OF_FLIGHT),
+    )
+}
+"""Cameras by name."""

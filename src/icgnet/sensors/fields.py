@@ -22,7 +22,7 @@ def image_field(
     """
     rows, columns = (np.arange(edge) / pitch for edge in shape)
     coarse = rng.standard_normal((int(rows[-1]) + 2, int(columns[-1]) + 2), dtype=np.float32) * np.float32(sigma)
-    return _stretch(_stretch(coarse.T, columns).T, rows)
+    return stretch(stretch(coarse.T, columns).T, rows)
 
 
 def space_field(
@@ -48,7 +48,7 @@ def space_field(
     return np.cos(angles) @ directions.astype(np.float32)
 
 
-def _stretch(samples: Float32[np.ndarray, "k c"], positions: Float[np.ndarray, "n"]) -> Float32[np.ndarray, "n c"]:
+def stretch(samples: Float32[np.ndarray, "k c"], positions: Float[np.ndarray, "n"]) -> Float32[np.ndarray, "n c"]:
     """Rows at fractional positions between the rows of `samples`."""
     low = positions.astype(np.intp)
     share = (positions - low).astype(np.float32)[:, None]

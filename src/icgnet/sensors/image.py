@@ -113,6 +113,25 @@ def shifted(
     return result
 
 
+def slant(
+    depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"]
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    """Lengths of the normal and of the ray at each pixel, whose product with each other is the depth [m] itself.
+
+    So the depth over the product of the lengths is the cosine of the angle between line of sight and normal.
+
+    Args:
+        depth: depth image [m].
+        intrinsics: camera matrix [pixels].
+    """
+    dv, du = np.gradient(depth)
+    (fx, _, cx), (_, fy, cy), _ = intrinsics.astype(np.float32)
+    u, v = np.arange(depth.shape[1], dtype=np.float32) - cx, np.arange(depth.shape[0], dtype=np.float32)[:, None] - cy
+    along = depth + u * du + v * dv
+    normal = np.sqrt((fx * du) ** 2 + (fy * dv) ** 2 + along * along)
+    return normal, np.sqrt((u / fx) ** 2 + (v / fy) ** 2 + 1)
+
+
 def _smooth_along(depth: Float[np.ndarray, "h w"], axis: int, step: float) -> Float[np.ndarray, "h w"]:
     before, after = [slice(None)] * 2, [slice(None)] * 2
     before[axis], after[axis] = slice(None, -1), slice(1, None)

@@ -8,11 +8,10 @@ Dorodnicov et al., "Projection, texture-mapping and occlusion with Intel RealSen
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from icgnet.sensors.config import BASELINE
 from icgnet.sensors.fields import LOSS, image_field
-from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted
+from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
-BASELINE = 0.050
-"""Distance of the two cameras [m]: 50 mm in the D435, 55 mm in the D415."""
 MATCHING_PITCH = 5
 """Neighbouring pixels share most of their matching window, and so their errors [pixels]."""
 PATCH_PITCH = 12
@@ -22,7 +21,7 @@ GRAZING_SPREAD = 0.05
 
 
 def add_disparity_noise(
-    depth: Float[np.ndarray, "h w"], focal: float, sigma: float, rng: np.random.Generator
+    depth: Float[np.ndarray, "h w"], focal: float, sigma: float, rng: np.random.Generator, baseline: float = BASELINE
 ) -> Float[np.ndarray, "h w"]:
     """Depth with errors of the disparity, alike within a matching window, so that they grow with the depth squared.
 
@@ -33,12 +32,15 @@ def add_disparity_noise(
         focal: focal length [pixels].
         sigma: standard deviation of the disparity [pixels].
         rng: source of the draws.
+        baseline: distance of the two cameras [m].
     """
     noise = image_field((depth.shape[0], depth.shape[1]), sigma / LOSS, MATCHING_PITCH, rng)
-    return depth / np.maximum(1 + depth * noise * np.float32(1 / (focal * BASELINE)), np.float32(0.1))
+    return depth / np.maximum(1 + depth * noise * np.float32(1 / (focal * baseline)), np.float32(0.1))
 
 
-def quantise_disparity(depth: Float[np.ndarray, "h w"], focal: float, step: float) -> Float[np.ndarray, "h w"]:
+def quantise_disparity(
+    depth: Float[np.ndarray, "h w"], focal: float, step: float, baseline: float = BASELINE
+) -> Float[np.ndarray, "h w"]:
     """Depth rounded to whole steps of the disparity, so that its steps grow with the distance squared.
 
     Source: the geometry of a stereo pair; the D400 resolves 1/32 pixel.
@@ -47,9 +49,10 @@ def quantise_disparity(depth: Float[np.ndarray, "h w"], focal: float, step: floa
         depth: depth image [m].
         focal: focal length [pixels].
         step: smallest difference of disparities that is resolved [pixels].
+        baseline: distance of the two cameras [m].
     """
     measured = depth > 0
-    steps = np.float32(focal * BASELINE / step)
+    steps = np.float32(focal * baseline / step)
     rounded = np.maximum(np.rint(steps / np.where(measured, depth, np.float32(1.0))), 1)
     return np.where(measured, steps / rounded, np.float32(0.0))
 
@@ -73,7 +76,9 @@ def fatten_edges(
     return depth, ids
 
 
-def stereo_shadow(depth: Float[np.ndarray, "h w"], focal: float, mirrored: bool = False) -> Bool[np.ndarray, "h w"]:
+def stereo_shadow(
+    depth: Float[np.ndarray, "h w"], focal: float, mirrored: bool = False, baseline: float = BASELINE
+) -> Bool[np.ndarray, "h w"]:
     """Which pixels the second camera cannot see, because something nearer is in its way.
 
     Source: occlusion in a stereo pair; the first camera of the D400 is the left one, so that shadows lie to the left of
@@ -83,11 +88,12 @@ def stereo_shadow(depth: Float[np.ndarray, "h w"], focal: float, mirrored: bool 
         depth: depth image [m].
         focal: focal length [pixels].
         mirrored: the camera is mounted upside down, so that shadows lie to the right.
+        baseline: distance of the two cameras [m].
     """
     image = depth[:, ::-1] if mirrored else depth
     column = np.arange(image.shape[1], dtype=np.float32)
     measured = image > 0
-    matched = column - np.float32(focal * BASELINE) / np.where(measured, image, np.float32(np.inf))
+    matched = column - np.float32(focal * baseline) / np.where(measured, image, np.float32(np.inf))
     # Farther to the right in this image something lands at the same place, or farther left, in the other one.
     leftmost = np.minimum.accumulate(np.where(measured, matched, np.inf)[:, ::-1], axis=1)[:, ::-1]
     hidden = np.zeros(image.shape, dtype=bool)
@@ -111,12 +117,6 @@ def grazing_pixels(
         least_cosine: of the angle between line of sight and normal, below which pixels are lost (raggedly).
         rng: source of the draws.
     """
-    dv, du = np.gradient(depth)
-    (fx, _, cx), (_, fy, cy), _ = intrinsics.astype(np.float32)
-    u, v = np.arange(depth.shape[1], dtype=np.float32) - cx, np.arange(depth.shape[0], dtype=np.float32)[:, None] - cy
-    # The normal (not of unit length) of a surface with these slopes; its product with the ray is the depth itself.
-    along = depth + u * du + v * dv
-    normal = np.sqrt((fx * du) ** 2 + (fy * dv) ** 2 + along * along)
-    ray = np.sqrt((u / fx) ** 2 + (v / fy) ** 2 + 1)
+    normal, ray = slant(depth, intrinsics)
     ragged = least_cosine + image_field((depth.shape[0], depth.shape[1]), GRAZING_SPREAD, 2, rng)
     return (depth > 0) & (depth < ragged * normal * ray)

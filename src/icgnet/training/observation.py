@@ -75,7 +75,7 @@ def observe(picture: Exposure, sampling: Sampling, rng: np.random.Generator) -> 
 
 def sense(picture: Exposure, noise: SensorNoise, table_height: float, rng: np.random.Generator) -> SensedCloud:
     """The same for a certain sensor, and a table that is removed at a certain height [m]."""
-    view = picture.view
+    view, noise = picture.view, noise.pick(rng)
     image = corrupt_depth(picture.image, view.intrinsics, noise, rng)
     points, owners = _fused_points(image, view, table_height) if picture.fused else _pixel_points(image, view)
     standing = above_table(points, table_height)
