@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from icgnet.geometry.camera import check_intrinsics, pixel_rays
 from icgnet.geometry.rays import ray_scene
@@ -50,6 +51,9 @@ class SceneRenderer:
         self._owners = np.asarray(owners, np.int64)
         self._table_height, self._extent = table_height, extent
         self._corners = triangles.reshape(-1, 3).astype(np.float64)
+        # Triangles of one owner come one after the other.
+        starts = [0, *(np.flatnonzero(np.diff(self._owners)) + 1).tolist(), len(self._owners)]
+        self._things = [slice(3 * first, 3 * last) for first, last in pairwise(starts)]
         self._scene = ray_scene(triangles)
 
     def render(
@@ -72,12 +76,12 @@ class SceneRenderer:
         depth, ids = self._table_depth(rays @ pose[2, :3].astype(np.float32), float(pose[2, 3]))
         if self._extent is not None:
             self._cut_table(depth, ids, rays, pose)
-        window = self._window(intrinsics, shape, pose)
+        window, worth = self._window(intrinsics, shape, pose)
         directions = rays[window] @ pose[:3, :3].T.astype(np.float32)
-        distances, owners = self._hits(pose[:3, 3], directions.reshape(-1, 3))
-        distances, owners = distances.reshape(directions.shape[:2]), owners.reshape(directions.shape[:2])
-        in_front = distances < depth[window]
-        depth[window][in_front], ids[window][in_front] = distances[in_front], owners[in_front]
+        distances, owners = self._hits(pose[:3, 3], directions[worth])
+        in_front = distances < depth[window][worth]
+        row, column = (index[in_front] for index in np.nonzero(worth))
+        depth[window][row, column], ids[window][row, column] = distances[in_front], owners[in_front]
         unseen = depth > FAR
         depth[unseen], ids[unseen] = 0.0, NOTHING
         return DepthImage(depth, ids)
@@ -109,14 +113,25 @@ class SceneRenderer:
 
     def _window(
         self, intrinsics: Float[np.ndarray, "3 3"], shape: tuple[int, int], pose: Float[np.ndarray, "4 4"]
-    ) -> tuple[slice, slice]:
-        """Rows and columns that can show a triangle: most of a picture is table, which needs no rays."""
+    ) -> tuple[tuple[slice, slice], Bool[np.ndarray, "r c"]]:
+        """Rows and columns that can show a triangle, and which pixels there: most of a picture is table, without rays.
+
+        A pixel can show a thing within the rectangle around that thing's corners in the picture, and everywhere if the
+        thing reaches behind the camera.
+        """
         points = (self._corners - pose[:3, 3]) @ pose[:3, :3]
-        if len(points) and points[:, 2].min() <= 1e-3:
-            return slice(0, shape[0]), slice(0, shape[1])
+        if len(points) == 0:
+            return (slice(0, 0), slice(0, 0)), np.zeros((0, 0), bool)
+        if points[:, 2].min() <= 1e-3:
+            whole = slice(0, shape[0]), slice(0, shape[1])
+            return whole, np.ones(shape, bool)
         pixels = points @ intrinsics.T
         columns, rows = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
-        return _interval(rows, shape[0]), _interval(columns, shape[1])
+        window = _interval(rows, shape[0]), _interval(columns, shape[1])
+        worth = np.zeros(shape, bool)
+        for own in self._things:
+            worth[_interval(rows[own], shape[0]), _interval(columns[own], shape[1])] = True
+        return window, worth[window]
 
     def _hits(
         self, eye: Float[np.ndarray, "3"], rays: Float[np.ndarray, "n 3"]

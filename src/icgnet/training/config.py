@@ -8,7 +8,7 @@ from typing import Any, Literal
 from icgnet.errors import DataError, InputError
 from icgnet.files import write_json
 from icgnet.network.config import NETWORKS, NetworkConfig, Precision
-from icgnet.sensors.config import NOISES, SensorNoise, exactly, up_to
+from icgnet.sensors.config import CAMERAS, NOISES, SensorNoise, exactly, up_to
 from icgnet.settings import check_choices, check_range
 
 
@@ -39,6 +39,19 @@ VIEW_RANGES = (
 
 Paper: "Observations" (polar 0 to 45 degrees). Differs: the benchmark looks from 45 to 60 degrees, so these are in.
 """
+
+TABLE_VIEWS = (
+    ViewRange(0.35, (0.35, 1.4), (0.0, 35.0), (0.05, 0.15)),
+    ViewRange(0.50, (0.45, 1.4), (35.0, 62.0), (0.05, 0.15)),
+    ViewRange(0.15, (0.45, 1.4), (62.0, 75.0), (0.05, 0.15)),
+)
+"""Around a place on a table: on a robot's wrist, on a stand, nearly level."""
+
+BIN_VIEWS = (
+    ViewRange(0.60, (0.45, 1.4), (0.0, 25.0), (0.05, 0.15)),
+    ViewRange(0.40, (0.45, 1.4), (25.0, 55.0), (0.05, 0.15)),
+)
+"""Around a place in a bin, whose walls hide it from the side."""
 
 EVALUATION_VIEWS = (
     ViewRange(0.5, (0.48, 0.72), (0.0, 45.0), (0.0, 0.0)),
@@ -128,6 +141,9 @@ class Sampling:
     Attributes:
         views: where cameras may stand.
         noise: what the sensor does.
+        table_views: where cameras may stand around a place on a table.
+        bin_views: the same in a bin.
+        cameras: names of those that see tables and bins, each with its own noise.
         tsdf: share of visits whose cloud comes from a truncated signed distance grid instead of the pixels themselves.
         half_resolution: share of the other visits with 320 x 240 instead of 640 x 480 pixels.
         table_jitter: largest error of the height at which the table is cut off [m].
@@ -148,6 +164,9 @@ class Sampling:
 
     views: tuple[ViewRange, ...] = VIEW_RANGES
     noise: SensorNoise = NOISES["mixed"]
+    table_views: tuple[ViewRange, ...] = TABLE_VIEWS
+    bin_views: tuple[ViewRange, ...] = BIN_VIEWS
+    cameras: tuple[str, ...] = tuple(CAMERAS)
     tsdf: float = 0.4
     half_resolution: float = 0.5
     table_jitter: float = 0.0015
@@ -172,6 +191,9 @@ class Sampling:
         check_range(self, 0.0, *shares, most=1.0)
         check_range(self, 0.0, "table_jitter", "translation", "contact_jitter", "normal_jitter_deg", "contacts")
         check_range(self, 1.0, "fewest_voxels", "occupancy_points")
+        for name in self.cameras:
+            if name not in CAMERAS:
+                raise InputError(f"unknown camera {name!r}; the cameras are {', '.join(CAMERAS)}")
 
     def for_validation(self) -> "Sampling":
         """The same without augmentation, with the published views and noise, and with all contacts.

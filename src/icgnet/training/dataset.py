@@ -17,16 +17,17 @@ from torch.utils.data import Dataset, Sampler
 
 from icgnet.datagen.recipe import LabelHeader, Recipe, read_label_header, read_recipes
 from icgnet.errors import DataError
-from icgnet.geometry.transforms import transform_points, transform_vectors, yaw_about
+from icgnet.geometry.transforms import make_transform, transform_points, transform_vectors, yaw_about
 from icgnet.geometry.visibility import visibility_grid
 from icgnet.geometry.workspace import CENTRE, contains
 from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.network.inputs import make_scene_input
+from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet
 from icgnet.training.config import Sampling
-from icgnet.training.observation import observe, take_picture
-from icgnet.training.placements import Placement, load_assets, occupancy_points
-from icgnet.training.sample import Sample, choose_contacts, majority, renumber
+from icgnet.training.observation import observe, take_crop, take_picture
+from icgnet.training.placements import Placement, load_assets, occupancy_points, occupancy_points_in_crop
+from icgnet.training.sample import NOTHING, Sample, choose_contacts, majority, renumber
 
 FEWEST_POINTS = 50
 """A view with fewer points on the objects is drawn again."""
@@ -35,6 +36,8 @@ VIEWS_TRIED = 4
 MOST_EMPTY = 100
 """So many scenes in a row without anything to see are an error."""
 SEEN_DISTANCE = 0.004
+CROP_SHIFT = 0.1
+"""Largest distance along x and y of an object from the middle of the part of a wide scene that is drawn for it [m]."""
 
 
 def gather_recipes(folders: Sequence[Path]) -> tuple[list[Recipe], LabelHeader]:
@@ -121,8 +124,13 @@ class RecipeDataset(Dataset):
         placements = self._placements(recipe)
         if not placements:
             return None
-        picture = take_picture(placements, self.sampling, rng)
-        T_work_world = self._augmentation(rng)
+        if recipe.kind in WIDE_KINDS:
+            T_work_world = self._crop(placements, rng)
+            views = self.sampling.table_views if recipe.kind == "table" else self.sampling.bin_views
+            picture = take_crop(placements, recipe.surroundings, views, T_work_world, self.sampling, rng)
+        else:
+            picture = take_picture(placements, self.sampling, rng)
+            T_work_world = self._augmentation(rng)
         seen = observe(picture.seen_from(T_work_world), self.sampling, rng)
         inside = contains(seen.points)
         if inside.sum() < FEWEST_POINTS:
@@ -138,9 +146,13 @@ class RecipeDataset(Dataset):
         instances = [each for each, number in zip(placements, instance_of_object, strict=True) if number >= 0]
         if not instances:
             return None
-        world_points = occupancy_points(placements, self.sampling, T_work_world, rng)
+        draw_points = occupancy_points_in_crop if recipe.kind in WIDE_KINDS else occupancy_points
+        world_points = draw_points(placements, self.sampling, T_work_world, rng)
         work_points = transform_points(T_work_world, world_points)
         distances = np.stack([each.distance(world_points) for each in instances])
+        # What another hand can grasp says nothing about the one that this network knows.
+        if not recipe.gripper.same_hand(self.network.gripper):
+            instance_of_object = np.full_like(instance_of_object, NOTHING)
         contacts = _draw_contacts(recipe, instance_of_object, T_work_world, points, viewpoint, self.sampling, rng)
         return Sample(
             input=scene_input,
@@ -159,9 +171,19 @@ class RecipeDataset(Dataset):
 
     def _placements(self, recipe: Recipe) -> list[Placement]:
         return [
-            Placement(self.assets[recipe.object_set, each.name], each.scale, each.T_world_object)
+            Placement(
+                self.assets[recipe.object_set, each.name],
+                each.factors if recipe.kind in WIDE_KINDS else each.scale,
+                each.T_world_object,
+            )
             for each in recipe.scene().objects
         ]
+
+    def _crop(self, placements: list[Placement], rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+        """T_work_world of a workspace about an object of a wide scene, turned about the vertical."""
+        middle = placements[rng.integers(len(placements))].T_world_object[:2, 3] + rng.uniform(-1, 1, 2) * CROP_SHIFT
+        to_centre = make_transform(np.eye(3), np.array([*(CENTRE[:2] - middle), 0.0]))
+        return yaw_about(CENTRE, rng.uniform(0, 2 * np.pi) if self.sampling.turn else 0.0) @ to_centre
 
     def _augmentation(self, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
         """A turn about the vertical through the workspace's centre and a small shift, as T_work_world."""

@@ -8,28 +8,45 @@ from jaxtyping import Float, Int
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import TRUNCATION_VOXELS, fuse
-from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT, TABLE_MARGIN, above_table
-from icgnet.sensors.config import SensorNoise
+from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT, TABLE_MARGIN, above_table
+from icgnet.sensors.config import CAMERAS, SensorNoise
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import DepthImage, SceneRenderer
-from icgnet.training.config import Sampling
+from icgnet.simulation.scene import BACKGROUND
+from icgnet.simulation.surroundings import Surroundings
+from icgnet.training.config import Sampling, ViewRange
 from icgnet.training.placements import Placement
 from icgnet.training.sample import NOTHING
-from icgnet.training.views import CameraView, crop_view, draw_view
+from icgnet.training.views import CameraView, crop_view, draw_pose, draw_view
 
 TSDF_RESOLUTION = 180
 """Voxels along an edge of the workspace, as in the published evaluation."""
 OWNER_DISTANCE = TRUNCATION_VOXELS * SIZE / TSDF_RESOLUTION
 """A point farther than this in depth from what the pixels around it show belongs to nobody [m]."""
 
+NEAREST = 0.2
+"""What is nearer to the camera, because it stands in front of or inside something, is not measured [m]."""
+FINEST = 0.0007
+"""Distance of neighbouring points below which cameras average pixels, as users of cameras at arm's length do [m]."""
+NEARBY = 0.45
+"""Objects of wide scenes farther than this from the middle of a picture are not in it and hide nothing [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """A depth image without errors, where it was taken, and whether its cloud is to come from a distance grid."""
+    """A depth image without errors, and what becomes of it.
+
+    Attributes:
+        image: what the camera sees.
+        view: where it was taken.
+        fused: whether its cloud is to come from a distance grid.
+        noise: what the sensor does.
+    """
 
     image: DepthImage
     view: CameraView
     fused: bool
+    noise: SensorNoise
 
     def seen_from(self, T_a_b: Float[np.ndarray, "4 4"]) -> "Exposure":
         """The same picture with the camera's pose, given in frame b, in frame a."""
@@ -64,13 +81,66 @@ def take_picture(placements: list[Placement], sampling: Sampling, rng: np.random
     view = crop_view(draw_view(sampling.views, resolution, rng), lower - margin, upper + margin)
     owners = np.repeat(np.arange(len(triangles)), [len(part) for part in triangles])
     renderer = SceneRenderer(np.concatenate(triangles), owners)
-    return Exposure(renderer.render(view.intrinsics, view.shape, view.T_world_camera), view, fused)
+    image = renderer.render(view.intrinsics, view.shape, view.T_world_camera)
+    return Exposure(image, view, fused, sampling.noise)
+
+
+def take_crop(
+    placements: list[Placement],
+    surroundings: Surroundings,
+    views: tuple[ViewRange, ...],
+    T_work_world: Float[np.ndarray, "4 4"],
+    sampling: Sampling,
+    rng: np.random.Generator,
+) -> Exposure:
+    """A picture of what lies in the workspace, of a wide scene, by a camera that is drawn, in the world.
+
+    Args:
+        placements: the objects of the whole scene; those far away are left out.
+        surroundings: of the scene.
+        views: where the camera may stand around the middle of the workspace.
+        T_work_world: where in the world the workspace is.
+        sampling: names the cameras, and says how often a cloud is fused.
+        rng: source of the draws.
+    """
+    T_world_work = invert_transform(T_work_world)
+    corners = transform_points(
+        T_world_work, SIZE * np.array(np.meshgrid((0, 1), (0, 1), (0, 1)), float).reshape(3, 8).T
+    )
+    middle = transform_points(T_world_work, CENTRE[None])[0, :2]
+    camera = CAMERAS[sampling.cameras[rng.integers(len(sampling.cameras))]]
+    fused = rng.random() < sampling.tsdf
+    whole = _binned(CameraView(draw_pose(views, middle, rng), camera.intrinsics, camera.shape), middle)
+    view = crop_view(whole, corners.min(axis=0), corners.max(axis=0))
+    triangles, owners = [], []
+    for index, each in enumerate(placements):
+        if np.linalg.norm(each.T_world_object[:2, 3] - middle) < NEARBY:
+            triangles.append(each.to_world(each.assets.triangles))
+            owners.append(np.full(len(triangles[-1]), index))
+    for structure in surroundings.structures:
+        if structure.corners[:, 2].max() <= TABLE_HEIGHT:
+            continue  # the table's edge and the floor, which are cut off with the table
+        triangles.append(structure.mesh().triangles)
+        owners.append(np.full(len(triangles[-1]), BACKGROUND))
+    renderer = SceneRenderer(np.concatenate(triangles), np.concatenate(owners), extent=surroundings.extent)
+    image = renderer.render(view.intrinsics, view.shape, view.T_world_camera)
+    too_near = image.depth < NEAREST
+    image = DepthImage(np.where(too_near, np.float32(0.0), image.depth), np.where(too_near, NOTHING, image.ids))
+    return Exposure(image, view, fused, camera.noise)
+
+
+def _binned(view: CameraView, middle: Float[np.ndarray, "2"]) -> CameraView:
+    """The camera with every few pixels taken together where they are finer than the network can make use of."""
+    distance = float(np.linalg.norm(view.T_world_camera[:3, 3] - [*middle, TABLE_HEIGHT]))
+    factor = max(1, int(np.ceil(FINEST * float(view.intrinsics[0, 0]) / distance)))
+    intrinsics = view.intrinsics / [[factor], [factor], [1.0]]
+    return CameraView(view.T_world_camera, intrinsics, (view.shape[0] // factor, view.shape[1] // factor))
 
 
 def observe(picture: Exposure, sampling: Sampling, rng: np.random.Generator) -> SensedCloud:
     """The cloud that a sensor with errors makes of a picture, cut off above the table."""
     table_height = TABLE_HEIGHT + rng.uniform(-1, 1) * sampling.table_jitter
-    return sense(picture, sampling.noise, table_height, rng)
+    return sense(picture, picture.noise, table_height, rng)
 
 
 def sense(picture: Exposure, noise: SensorNoise, table_height: float, rng: np.random.Generator) -> SensedCloud:

@@ -10,7 +10,7 @@ from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
-from icgnet.geometry.workspace import SIZE
+from icgnet.geometry.workspace import SIZE, contains
 from icgnet.objects.object_set import ObjectSet
 from icgnet.training.config import Sampling
 
@@ -33,10 +33,10 @@ class ObjectAssets:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """An object of a scene and the map from its own frame at scale 1 to the world."""
+    """An object of a scene and the map from its own frame at scale 1 to the world; one scale, or one for each axis."""
 
     assets: ObjectAssets
-    scale: float
+    scale: float | Float[np.ndarray, "3"]
     T_world_object: Float[np.ndarray, "4 4"]
 
     def to_world(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
@@ -76,6 +76,36 @@ def _load_object(object_set: ObjectSet, key: str) -> ObjectAssets:
         object_set.signed_distance(key),
         object_set.class_name(key),
     )
+
+
+def occupancy_points_in_crop(
+    placements: list[Placement], sampling: Sampling, T_work_world: Float[np.ndarray, "4 4"], rng: np.random.Generator
+) -> Float[np.ndarray, "n 3"]:
+    """The same points for the part of a wide scene that lies in the workspace.
+
+    They are near and around the surfaces there, each object as often as the others, and uniform in the box around them.
+    """
+    surfaces = [
+        transform_points(T_work_world, each.to_world(each.assets.surface.astype(np.float64))) for each in placements
+    ]
+    surfaces = [inside for points in surfaces if len(inside := points[contains(points)])]
+    count = sampling.occupancy_points
+    if not surfaces:  # but for a few points that errors of the sensor brought in
+        surfaces = [rng.uniform(0.0, SIZE, (1, 3))]
+    near, far = round(sampling.near_share * count), round(sampling.far_share * count)
+    chosen = rng.integers(len(surfaces), size=near + far)
+    place = rng.random(near + far)
+    surface = np.zeros((near + far, 3))
+    for number, points in enumerate(surfaces):
+        mine = chosen == number
+        surface[mine] = points[(place[mine] * len(points)).astype(int)]
+    sigma = np.where(np.arange(near + far) < near, NEAR_SIGMA, FAR_SIGMA)[:, None]
+    surface += sigma * rng.standard_normal(surface.shape)
+    lower = np.min([points.min(axis=0) for points in surfaces], axis=0) - ROOM
+    upper = np.max([points.max(axis=0) for points in surfaces], axis=0) + ROOM
+    uniform = rng.uniform(lower, upper, (count - near - far, 3))
+    inside = np.clip(np.concatenate([surface, uniform]), 0.0, SIZE)
+    return (inside - T_work_world[:3, 3]) @ T_work_world[:3, :3]
 
 
 def occupancy_points(

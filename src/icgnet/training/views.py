@@ -21,22 +21,29 @@ class CameraView:
 
 
 def draw_view(ranges: tuple[ViewRange, ...], resolution: float, rng: np.random.Generator) -> CameraView:
-    """A camera drawn from one of the ranges.
+    """A camera with the default intrinsics that looks at the middle of the workspace.
 
     Args:
         ranges: where cameras may stand.
         resolution: factor on the default 640 x 480 pixels.
         rng: source of the draws.
     """
-    shares = np.array([each.share for each in ranges])
-    chosen = ranges[rng.choice(len(ranges), p=shares / shares.sum())]
-    target = np.array([CENTRE[0], CENTRE[1], rng.uniform(*chosen.target)])
-    polar = np.deg2rad(rng.uniform(*chosen.polar_deg))
-    pose = sphere_pose(target, rng.uniform(*chosen.radius), polar, rng.uniform(0, 2 * np.pi))
+    pose = draw_pose(ranges, CENTRE[:2], rng)
     intrinsics = DEFAULT_INTRINSICS.copy()
     intrinsics[:2] *= resolution
     height, width = DEFAULT_SHAPE
     return CameraView(pose, intrinsics, (round(height * resolution), round(width * resolution)))
+
+
+def draw_pose(
+    ranges: tuple[ViewRange, ...], place: Float[np.ndarray, "2"], rng: np.random.Generator
+) -> Float[np.ndarray, "4 4"]:
+    """T_world_camera of a camera in one of the ranges around a place, given by x and y [m]."""
+    shares = np.array([each.share for each in ranges])
+    chosen = ranges[rng.choice(len(ranges), p=shares / shares.sum())]
+    target = np.array([*place, rng.uniform(*chosen.target)])
+    polar = np.deg2rad(rng.uniform(*chosen.polar_deg))
+    return sphere_pose(target, rng.uniform(*chosen.radius), polar, rng.uniform(0, 2 * np.pi))
 
 
 def crop_view(view: CameraView, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> CameraView:
