@@ -24,7 +24,7 @@ def make(job_class: type[GenerateJob], *arguments) -> GenerateJob:
 def empty_recipe(scene_id: int) -> Recipe:
     none, vectors, bits = np.zeros(0), np.zeros((0, 3), np.float32), np.zeros(0, np.uint16)
     contacts = RecipeContacts(vectors, vectors, none.astype(np.int64), none.astype(np.float32), bits, bits, bits)
-    return Recipe(scene_id, "pile", "procedural", "train", 4, (), contacts)
+    return Recipe(scene_id, "pile", "procedural", "train", 4, load_gripper("franka"), (), contacts)
 
 
 @dataclass(frozen=True)

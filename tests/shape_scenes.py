@@ -9,7 +9,7 @@ import trimesh
 from icgnet.datagen.recipe import MANIFEST, LabelHeader, Recipe, RecipeContacts, RecipeObject, pack_bits, write_shard
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.frame import grasp_rotations
-from icgnet.grasping.gripper import load_gripper
+from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.classes import CLASSES
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import ObjectSet
@@ -42,7 +42,7 @@ class ShapeSet(ObjectSet):
         return ObjectModel(key, name, mesh, (mesh,))
 
 
-def make_recipe(scene_id: int, split: str = "train", contacts: int = 60) -> Recipe:
+def make_recipe(scene_id: int, split: str = "train", contacts: int = 60, gripper: Gripper | None = None) -> Recipe:
     """The three shapes side by side; a grasp succeeds on a wall when the hand comes from above."""
     rng = np.random.default_rng(scene_id)
     objects, parts = [], []
@@ -67,6 +67,7 @@ def make_recipe(scene_id: int, split: str = "train", contacts: int = 60) -> Reci
         object_set="shapes",
         split=split,
         seed=0,
+        gripper=gripper or HEADER.gripper,
         objects=tuple(objects),
         contacts=RecipeContacts(positions, normals, owners, widths, success, nothing, nothing),
     )
@@ -79,5 +80,8 @@ def write_recipes(folder: Path, train: int = 4, val: int = 2, header: LabelHeade
     """Makes a folder of recipes as `icgnet generate` does."""
     folder.mkdir(parents=True)
     (folder / MANIFEST).write_text(json.dumps(header.to_dict()))
-    recipes = [make_recipe(scene_id, "train" if scene_id < train else "val") for scene_id in range(train + val)]
+    recipes = [
+        make_recipe(scene_id, "train" if scene_id < train else "val", gripper=header.gripper)
+        for scene_id in range(train + val)
+    ]
     write_shard(folder / "scenes.parquet", recipes, header)

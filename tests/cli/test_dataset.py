@@ -63,7 +63,7 @@ def cube_scene(number: int) -> Recipe:
         disturbed=pack_bits(np.zeros((2, 12), bool)),
     )
     cube = RecipeObject("cube", "box", 1.0, centre, np.array([1, 0, 0, 0], np.float32))
-    return Recipe(number, "packed", "things", "train", 5, (cube,), contacts)
+    return Recipe(number, "packed", "things", "train", 5, HEADER.gripper, (cube,), contacts)
 
 
 def inspect(*arguments: object) -> int:

@@ -49,7 +49,7 @@ def scene(*centres: np.ndarray) -> Recipe:
         collided=pack_bits(~success),
         disturbed=pack_bits(np.zeros((1, 12), bool)),
     )
-    return Recipe(7, "packed", "things", "train", 0, placed, contacts)
+    return Recipe(7, "packed", "things", "train", 0, GRIPPER, placed, contacts)
 
 
 def with_contacts(recipe: Recipe, **changes) -> Recipe:

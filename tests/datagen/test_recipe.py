@@ -31,6 +31,7 @@ def _recipe(scene_id, contacts, rng):
         "procedural",
         "train",
         7,
+        HEADER.gripper,
         tuple(
             RecipeObject(
                 f"pile/box_{i:04d}",

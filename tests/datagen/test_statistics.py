@@ -6,6 +6,7 @@ import pytest
 
 from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
 from icgnet.datagen.statistics import count_statistics
+from icgnet.grasping.gripper import load_gripper
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0], np.float32)
 LEANING = np.array([np.cos(0.25), np.sin(0.25), 0.0, 0.0], np.float32)  # 0.5 rad, 29 degrees
@@ -34,7 +35,7 @@ def recipe(scene_id: int, kind: str, names: tuple[str, ...], classes: tuple[str,
         collided=bits((0, 1), range(12), (0,)),
         disturbed=bits((4,), (), (7,)),
     )
-    return Recipe(scene_id, kind, "things", "train", 0, objects, contacts)  # pyright: ignore[reportArgumentType]
+    return Recipe(scene_id, kind, "things", "train", 0, load_gripper(), objects, contacts)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.fixture

@@ -105,7 +105,7 @@ class Calls:
         places = np.zeros((1, 3), dtype=np.float32)
         contacts = RecipeContacts(places, places + 1, np.zeros(1, dtype=np.int64), one, bits, bits, bits)
         path = self.folder / "scenes-0000000.parquet"
-        write_shard(path, [Recipe(0, "pile", "things", "train", 0, (placed,), contacts)], HEADER)
+        write_shard(path, [Recipe(0, "pile", "things", "train", 0, HEADER.gripper, (placed,), contacts)], HEADER)
         return path
 
     def depth_images(self, rng: np.random.Generator) -> Prediction:

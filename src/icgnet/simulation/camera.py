@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -51,9 +50,8 @@ class SceneRenderer:
         self._owners = np.asarray(owners, np.int64)
         self._table_height, self._extent = table_height, extent
         self._corners = triangles.reshape(-1, 3).astype(np.float64)
-        # Triangles of one owner come one after the other.
-        starts = [0, *(np.flatnonzero(np.diff(self._owners)) + 1).tolist(), len(self._owners)]
-        self._things = [slice(3 * first, 3 * last) for first, last in pairwise(starts)]
+        # Where the corners of each thing begin: triangles of one owner come one after the other.
+        self._starts = 3 * np.append(0, np.flatnonzero(np.diff(self._owners)) + 1)
         self._scene = ray_scene(triangles)
 
     def render(
@@ -127,11 +125,13 @@ class SceneRenderer:
             return whole, np.ones(shape, bool)
         pixels = points @ intrinsics.T
         columns, rows = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
-        window = _interval(rows, shape[0]), _interval(columns, shape[1])
+        height, width = shape
         worth = np.zeros(shape, bool)
-        for own in self._things:
-            worth[_interval(rows[own], shape[0]), _interval(columns[own], shape[1])] = True
-        return window, worth[window]
+        of_things = (_intervals(rows, self._starts, height), _intervals(columns, self._starts, width))
+        for window in zip(*of_things, strict=True):
+            worth[window] = True
+        whole = _intervals(rows, np.zeros(1, int), height)[0], _intervals(columns, np.zeros(1, int), width)[0]
+        return whole, worth[whole]
 
     def _hits(
         self, eye: Float[np.ndarray, "3"], rays: Float[np.ndarray, "n 3"]
@@ -147,11 +147,11 @@ class SceneRenderer:
         return depth, ids
 
 
-def _interval(values: Float[np.ndarray, "n"], limit: int) -> slice:
-    """The pixels between the smallest and the largest value, within an image of `limit` pixels."""
-    if len(values) == 0:
-        return slice(0, 0)
-    return slice(max(0, int(np.floor(values.min()))), min(limit, int(np.ceil(values.max())) + 1))
+def _intervals(values: Float[np.ndarray, "n"], starts: Int[np.ndarray, "k"], limit: int) -> list[slice]:
+    """The pixels between the least and the largest of the values from each start on, of an image's `limit` pixels."""
+    first = np.maximum(np.floor(np.minimum.reduceat(values, starts)), 0).astype(int)
+    last = np.minimum(np.ceil(np.maximum.reduceat(values, starts)) + 1, limit).astype(int)
+    return [slice(each, max(each, end)) for each, end in zip(first.tolist(), last.tolist(), strict=True)]
 
 
 @lru_cache(maxsize=8)

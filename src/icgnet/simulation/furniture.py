@@ -89,13 +89,14 @@ def _place(kind: str, width: float, depth: float, rng: np.random.Generator) -> F
     angle = rng.uniform(0.0, 2.0 * np.pi)
     direction = np.array([np.cos(angle), np.sin(angle)])
     edge = 1.0 / np.abs(direction / np.array([width / 2, depth / 2])).max()
-    return direction * edge * rng.uniform(*(0.6, 1.0) if kind == "table" else (1.3, 1.6))
+    nearest, farthest = (0.6, 1.0) if kind == "table" else (1.3, 1.6)
+    return direction * edge * rng.uniform(nearest, farthest)
 
 
 def _post(place: Float[np.ndarray, "2"], rng: np.random.Generator) -> Structure:
     height, thickness = rng.uniform(0.32, 0.7), rng.uniform(0.02, 0.08)
     if rng.random() < 0.5:
-        return rod(POST, thickness, height, _on(*place, TABLE_HEIGHT + height / 2))
+        return rod(POST, thickness, height, _on(place[0], place[1], TABLE_HEIGHT + height / 2))
     return _upright(POST, (thickness, rng.uniform(0.02, 0.08), height), rng.uniform(0.0, np.pi), place)
 
 
@@ -103,7 +104,7 @@ def _robot(place: Float[np.ndarray, "2"], rng: np.random.Generator) -> list[Stru
     """The foot and upper arm of a robot, or a forearm that comes in from above."""
     if rng.random() < 0.5:
         height, thickness = rng.uniform(0.32, 0.5), rng.uniform(0.11, 0.18)
-        foot = rod(ROBOT, thickness, height, _on(*place, TABLE_HEIGHT + height / 2))
+        foot = rod(ROBOT, thickness, height, _on(place[0], place[1], TABLE_HEIGHT + height / 2))
         elbow = np.array([*place, height + TABLE_HEIGHT])
         return [foot, _limb(elbow, rng.uniform(0.25, 0.4), rng)]
     return [_limb(np.array([*place, TABLE_HEIGHT + rng.uniform(0.2, 0.45)]), rng.uniform(0.4, 0.6), rng)]

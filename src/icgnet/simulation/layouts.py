@@ -157,7 +157,8 @@ def _draw_object(
         if least > most:
             continue
         scale = float(np.float32(rng.uniform(least, most)))
-        kept = tuple(stretch.astype(np.float32).tolist())
+        along_x, along_y, along_z = stretch.astype(np.float32).tolist()
+        kept = along_x, along_y, along_z
         upright = mode not in ("dropped", "leaning") and rng.random() < UPRIGHT
         rotation = rotation_z(rng.uniform(0.0, 2.0 * np.pi)) if upright else random_rotation(rng)
         vertices = np.concatenate([part.vertices for part in model.parts]) * (scale * np.array(kept))

@@ -51,7 +51,7 @@ def take_gallery_picture(scene: Scene, object_set: ObjectSet, polar: float) -> E
     lower, upper = triangles.min(axis=(0, 1)) - margin, triangles.max(axis=(0, 1)) + margin
     view = crop_view(CameraView(pose, DEFAULT_INTRINSICS, DEFAULT_SHAPE), lower, upper)
     image = SceneRenderer(triangles, owners).render(view.intrinsics, view.shape, pose)
-    return Exposure(image, view, fused=False)
+    return Exposure(image, view, fused=False, noise=NOISES["clean"])
 
 
 def sense_gallery(picture: Exposure, seed: int) -> dict[str, SensedCloud]:
@@ -69,4 +69,4 @@ def sense_gallery(picture: Exposure, seed: int) -> dict[str, SensedCloud]:
 
 def _sense(picture: Exposure, noise: SensorNoise, fused: bool, seed: int) -> SensedCloud:
     # The table stays in: shadows and flying pixels are best seen on it.
-    return sense(Exposure(picture.image, picture.view, fused), noise, 0.0, np.random.default_rng(seed))
+    return sense(Exposure(picture.image, picture.view, fused, noise), noise, 0.0, np.random.default_rng(seed))

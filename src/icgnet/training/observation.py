@@ -26,7 +26,7 @@ OWNER_DISTANCE = TRUNCATION_VOXELS * SIZE / TSDF_RESOLUTION
 
 NEAREST = 0.2
 """What is nearer to the camera, because it stands in front of or inside something, is not measured [m]."""
-FINEST = 0.0007
+FINEST = 0.0009
 """Distance of neighbouring points below which cameras average pixels, as users of cameras at arm's length do [m]."""
 NEARBY = 0.45
 """Objects of wide scenes farther than this from the middle of a picture are not in it and hide nothing [m]."""
@@ -103,15 +103,13 @@ def take_crop(
         sampling: names the cameras, and says how often a cloud is fused.
         rng: source of the draws.
     """
-    T_world_work = invert_transform(T_work_world)
-    corners = transform_points(
-        T_world_work, SIZE * np.array(np.meshgrid((0, 1), (0, 1), (0, 1)), float).reshape(3, 8).T
-    )
-    middle = transform_points(T_world_work, CENTRE[None])[0, :2]
+    middle = transform_points(invert_transform(T_work_world), CENTRE[None])[0, :2]
     camera = CAMERAS[sampling.cameras[rng.integers(len(sampling.cameras))]]
     fused = rng.random() < sampling.tsdf
-    whole = _binned(CameraView(draw_pose(views, middle, rng), camera.intrinsics, camera.shape), middle)
-    view = crop_view(whole, corners.min(axis=0), corners.max(axis=0))
+    view = _binned(CameraView(draw_pose(views, middle, rng), camera.intrinsics, camera.shape), middle)
+    in_work = replace(view, T_world_camera=T_work_world @ view.T_world_camera)
+    cropped = crop_view(in_work, np.array([0.0, 0.0, TABLE_HEIGHT]), np.full(3, SIZE))
+    view = replace(cropped, T_world_camera=view.T_world_camera)
     triangles, owners = [], []
     for index, each in enumerate(placements):
         if np.linalg.norm(each.T_world_object[:2, 3] - middle) < NEARBY:
