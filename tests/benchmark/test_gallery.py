@@ -11,7 +11,7 @@ from icgnet.benchmark.attempt_story import grip_line, is_same, meeting_points, s
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.gallery import draw_gallery, draw_replay, look_again, worst
-from icgnet.benchmark.observation import Truth, observe
+from icgnet.benchmark.observation import observe
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.chance import RandomPlanner
 from icgnet.benchmark.record import settings
@@ -187,7 +187,7 @@ def box_alone(*more: tuple[str, tuple[float, float, float]]) -> TrueShapes:
 def observation_of(truth: TrueShapes):
     objects = BoxAndBall()
     seen = observe(truth.scene, objects, "random", "none", GRIPPER, True, np.random.default_rng(0))
-    return replace(seen, truth=Truth(truth.scene, objects))
+    return replace(seen, truth=TrueShapes(truth.scene, objects))
 
 
 def test_the_line_between_the_pads_is_measured_on_the_true_shape():

@@ -169,7 +169,7 @@ def _true_objects(seen: Replay) -> tuple[TrueObject, ...]:
     objects = []
     for index, (name, mesh) in enumerate(zip(shot.scene, seen.truth.meshes, strict=True)):
         role: Role = "target" if index == target else "touched" if name in touched else "other"
-        label = f"{plain(name)} ({seen.truth.classes[index]})"
+        label = f"{plain(name)} ({seen.truth.objects[index].class_name})"
         if grasped:
             # Of many names, those that matter would not be seen.
             label = "" if role == "other" else f"{role}: {plain(name)}"

@@ -54,26 +54,17 @@ def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripp
     return Picture(index, TrueShapes(scene, object_set), observation)
 
 
-def take_pictures(config: PictureConfig, object_set: ObjectSet, gripper: Gripper) -> Iterator[Picture]:
-    """The pictures of all scenes, one after the other.
-
-    Raises:
-        InputError: the object set has nothing for this kind and split.
-    """
-    for index in range(config.scenes):
-        yield take_picture(config, index, object_set, gripper)
-
-
-def load_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
-    """The pictures, taken one after the other, with a bar on standard error that shows how many have been.
+def take_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
+    """All pictures, one after the other, with a bar on standard error that shows how many have been taken.
 
     Raises:
         IcgnetError: unusable objects, or a set that has nothing for this kind and split.
     """
-    console = Console(stderr=True)
-    pictures = take_pictures(config, load_object_set(config.objects), gripper)
-    shown = track(pictures, "scenes", config.scenes, console=console, transient=True, disable=not console.is_terminal)
-    return iter(shown)
+    console, object_set = Console(stderr=True), load_object_set(config.objects)
+    for index in track(
+        range(config.scenes), "scenes", console=console, transient=True, disable=not console.is_terminal
+    ):
+        yield take_picture(config, index, object_set, gripper)
 
 
 def score_pictures(
@@ -89,7 +80,7 @@ def score_pictures(
     Raises:
         IcgnetError: unusable objects, or no scene that could be measured.
     """
-    results = (score(each, each.predict(predictor)) for each in load_pictures(config, predictor.gripper))
+    results = (score(each, each.predict(predictor)) for each in take_pictures(config, predictor.gripper))
     measured = [result for result in results if result is not None]
     if not measured:
         raise InputError(f"none of {config.scenes} scenes has an object that can be seen: ask for more scenes")

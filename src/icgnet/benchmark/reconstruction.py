@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.pictures import Picture, score_pictures
 from icgnet.benchmark.segmentation import label_overlaps, visible_objects
-from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spreads
+from icgnet.benchmark.statistics import Metric, Spread, cell, mean, spreads, table
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.inference.prediction import Prediction
@@ -113,18 +113,15 @@ def measure(config: PictureConfig) -> ReconstructionNumbers:
 
 def tables(numbers: ReconstructionNumbers) -> list[Table]:
     """What is printed."""
-    rows = []
-    for name, metric in INSTANCE_METRICS.items():
-        scene = cells(numbers.scene[name], metric.digits) if name in SHAPE_METRICS else ("", "")
-        rows.append((metric.label, *scene, *cells(numbers.per_instance[name], metric.digits)))
-    distance, share = cells(numbers.outer["chamfer_l1_mm"], 2)[0], cells(numbers.outer["f_score_3mm"])[0]
+    outer = {name: cell(numbers.outer[name], metric.form) for name, metric in SHAPE_METRICS.items()}
     notes = (
-        f"3 mm is 1 % of the workspace. Against the outer true surface only: Chamfer-L1 {distance} mm, "
-        f"F-score at 3 mm {share} %.",
+        f"3 mm is 1 % of the workspace. Against the outer true surface only: Chamfer-L1 {outer['chamfer_l1_mm']} mm, "
+        f"F-score at 3 mm {outer['f_score_3mm']} %.",
         f"{numbers.matched} of {numbers.visible} visible objects found; "
         f"{numbers.without_shape} of {numbers.scenes} scenes without any predicted shape.",
     )
-    return [Table(("± std over scenes", "scene", "95 %", "object found", "95 %"), rows, notes=notes)]
+    headers = ("± std [95 %]", "scene", "object found")
+    return [table(headers, INSTANCE_METRICS, numbers.scene, numbers.per_instance, notes=notes)]
 
 
 def score_picture(picture: Picture, prediction: Prediction | None) -> SceneScores | None:
@@ -256,7 +253,7 @@ def _f_score(accuracy: Float[np.ndarray, "n"], completeness: Float[np.ndarray, "
 def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
     """The numbers of at least one scene."""
     return ReconstructionNumbers(
-        scene=spreads(_shape_metrics(lambda each: (each.scene,)), scenes),
+        scene=spreads(SHAPE_METRICS, scenes),
         outer=spreads(_shape_metrics(lambda each: (each.outer,)), scenes),
         per_instance=spreads(INSTANCE_METRICS, scenes),
         scenes=len(scenes),
@@ -267,13 +264,24 @@ def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
     )
 
 
-def _shape_metrics(shapes: Callable[[SceneScores], Sequence[ShapeScores]]) -> dict[str, Metric[SceneScores]]:
-    """The mean of every score over some shapes of the scenes."""
+def _shape_metrics(
+    shapes: Callable[[SceneScores], Sequence[ShapeScores]],
+) -> dict[str, Metric[Sequence[SceneScores]]]:
+    """The mean of every field of `ShapeScores` over some shapes of the scenes."""
 
-    def mean(name: str) -> Callable[[Sequence[SceneScores]], float | None]:
-        return lambda scenes: mean_or_none([getattr(shape, name) for each in scenes for shape in shapes(each)])
+    def metric(label: str, name: str, form: str) -> Metric[Sequence[SceneScores]]:
+        return Metric(
+            label, lambda scenes: mean(getattr(shape, name) for each in scenes for shape in shapes(each)), form
+        )
 
-    return {name: Metric(label, mean(name), digits) for name, (label, digits) in SHAPE_METRICS.items()}
+    return {
+        "iou": metric("IoU, %", "iou", ".1f"),
+        "chamfer_l1_mm": metric("Chamfer-L1, mm", "chamfer_l1_mm", ".2f"),
+        "accuracy_mm": metric("  accuracy", "accuracy_mm", ".2f"),
+        "completeness_mm": metric("  completeness", "completeness_mm", ".2f"),
+        "f_score_3mm": metric("F-score 3 mm, %", "f_score_3mm", ".1f"),
+        "f_score_10mm": metric("F-score 10 mm, %", "f_score_10mm", ".1f"),
+    }
 
 
 def _of_visible(total: float, scenes: Sequence[SceneScores]) -> float | None:
@@ -282,21 +290,17 @@ def _of_visible(total: float, scenes: Sequence[SceneScores]) -> float | None:
     return total / visible if visible else None
 
 
-SHAPE_METRICS = {
-    "iou": ("IoU, %", 1),
-    "chamfer_l1_mm": ("Chamfer-L1, mm", 2),
-    "accuracy_mm": ("  accuracy", 2),
-    "completeness_mm": ("  completeness", 2),
-    "f_score_3mm": ("F-score 3 mm, %", 1),
-    "f_score_10mm": ("F-score 10 mm, %", 1),
-}
-"""Label and digits of every field of `ShapeScores`."""
-INSTANCE_METRICS: dict[str, Metric[SceneScores]] = {
+def _found(scenes: Sequence[SceneScores]) -> list[ShapeScores]:
+    return [shape for each in scenes for shape in each.instances]
+
+
+SHAPE_METRICS = _shape_metrics(lambda each: (each.scene,))
+"""Of whole scenes."""
+INSTANCE_METRICS: dict[str, Metric[Sequence[SceneScores]]] = {
     **_shape_metrics(lambda each: each.instances),
     "iou_of_visible": Metric(
-        "IoU, missed = 0, %",
-        lambda scenes: _of_visible(sum((shape.iou for each in scenes for shape in each.instances), 0.0), scenes),
+        "IoU, missed = 0, %", lambda some: _of_visible(sum((shape.iou for shape in _found(some)), 0.0), some), ".1f"
     ),
-    "found": Metric("found, %", lambda scenes: _of_visible(100.0 * sum(len(s.instances) for s in scenes), scenes)),
+    "found": Metric("found, %", lambda some: _of_visible(100.0 * len(_found(some)), some), ".1f"),
 }
 """Of the matched objects; the last two are of all visible ones."""

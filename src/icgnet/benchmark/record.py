@@ -1,5 +1,6 @@
 """Where a number comes from: code, hardware and settings, written beside it."""
 
+import json
 import os
 import platform
 import subprocess
@@ -8,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from icgnet.errors import DataError
 from icgnet.files import write_json
 from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
@@ -50,16 +52,27 @@ def write_report(out: Path | None, kind: str, config: Any, numbers: Any, **more:
         out: the folder.
         kind: what was measured.
         config: the dataclass that decided the numbers.
-        numbers: a dataclass; one whose report has other entries than its fields has a method `report`.
+        numbers: a dataclass.
         more: entries of the report.
 
     Raises:
         DataError: the system cannot write, or weights or gripper cannot be read.
     """
     if out is not None:
-        values = numbers.report() if hasattr(numbers, "report") else asdict(numbers)
-        report = {"benchmark": kind, **values, **more, "settings": settings(config)}
+        report = {"benchmark": kind, **asdict(numbers), **more, "settings": settings(config)}
         write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
+
+
+def read_json(path: Path) -> Any:
+    """What a file of a benchmark holds.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError, RecursionError) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
 
 
 def settings(config: Any) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from icgnet.benchmark.config import ClutterConfig, SceneConfig
-from icgnet.benchmark.observation import Observation, Truth, observe
+from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
+from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import Scene
@@ -215,4 +216,4 @@ def look(
     """The picture of this number in a round, of what is on the table now."""
     camera, draws = (random_stream(config, run, index, purpose, number) for purpose in (CAMERA, PLANNER))
     observation = observe(scene, object_set, config.view, config.noise, gripper, config.full_opening, camera)
-    return replace(observation, rng=draws, truth=Truth(scene, object_set) if with_truth else None)
+    return replace(observation, rng=draws, truth=TrueShapes(scene, object_set) if with_truth else None)

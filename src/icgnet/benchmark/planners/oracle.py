@@ -11,8 +11,9 @@ import trimesh
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from icgnet.benchmark.observation import Observation, Truth
+from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
+from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import transform_points
 from icgnet.grasping.collision import draw_back
@@ -86,7 +87,7 @@ class OraclePlanner:
         return Plan(poses[best[order]], openings[best[order]], scores[order])
 
 
-def _bodies(truth: Truth) -> list[Body]:
+def _bodies(truth: TrueShapes) -> list[Body]:
     model = truth.object_set.model
     return [Body(model(placed.name), placed.scale, placed.T_world_object) for placed in truth.scene.objects]
 
