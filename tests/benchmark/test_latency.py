@@ -8,11 +8,10 @@ import pytest
 import torch
 
 from icgnet.benchmark.config import LatencyConfig, PictureConfig
-from icgnet.benchmark.latency import STAGES, LatencyNumbers, model_size, time_predictions, untrained_predictor
+from icgnet.benchmark.latency import STAGES, LatencyNumbers, model_size, time_predictions
 from icgnet.benchmark.pictures import Picture, take_picture
-from icgnet.benchmark.record import settings
 from icgnet.benchmark.rounds import round_scene
-from icgnet.cli.main import USAGE_ERROR, main
+from icgnet.cli.main import main
 from icgnet.errors import InputError
 from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.gripper import load_gripper
@@ -91,8 +90,6 @@ def test_wrong_use_names_what_is_valid(predictor, picture):
         LatencyConfig(repeats=0)
     with pytest.raises(InputError, match="none of 1 scenes"):
         time_predictions(predictor, [without_cloud(picture)], 1)
-    with pytest.raises(InputError, match="got 'huge'"):
-        untrained_predictor("huge")
 
 
 def test_pictures_show_the_scenes_of_the_clutter_benchmark_whatever_the_camera(picture):
@@ -103,17 +100,6 @@ def test_pictures_show_the_scenes_of_the_clutter_benchmark_whatever_the_camera(p
             assert one.name == two.name
             np.testing.assert_array_equal(one.T_world_object, two.T_world_object)
     assert not np.array_equal(other.observation.T_world_camera, picture.observation.T_world_camera)
-
-
-def test_an_untrained_network_has_no_file_and_no_checksum():
-    assert model_size(untrained_predictor("tiny").network, None).file_bytes is None
-    assert "weights" not in settings(LatencyConfig(preset="tiny"))
-    assert settings(LatencyConfig(preset="tiny"))["preset"] == "tiny"
-
-
-def test_an_untrained_network_of_a_preset_is_the_same_every_time():
-    one, two = (untrained_predictor("tiny").network.state_dict() for _ in range(2))
-    assert all(torch.equal(one[name], two[name]) for name in one)
 
 
 @pytest.mark.slow
@@ -131,8 +117,3 @@ def test_the_command_prints_stages_and_writes_a_report(tmp_path, capsys):
     size = report["model"]
     assert size["bytes"] == 4 * size["parameters"] > 4e4
     assert size["bytes"] / 2 < size["file_bytes"] < size["bytes"]
-
-
-def test_a_preset_with_weights_is_refused(capsys):
-    assert main(["benchmark", "latency", "--preset", "tiny", "--weights", "some.safetensors"]) == USAGE_ERROR
-    assert "not both" in capsys.readouterr().err

@@ -253,8 +253,6 @@ def _method(report: StoredReport) -> str:
     settings, name = report.settings, _planner(report)
     if settings.get("weights"):
         name += f" {str(settings['weights'])[:8]}"
-    elif settings.get("preset"):
-        name += f", untrained preset {settings['preset']}"
     usual = asdict(BEST_FEW)
     search = report.mapping("settings", "search") if settings.get("search") else {}
     unusual = [f"{key}={value}" for key, value in search.items() if usual.get(key, value) != value]

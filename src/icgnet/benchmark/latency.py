@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -15,13 +15,9 @@ from icgnet.benchmark.record import origin
 from icgnet.benchmark.statistics import Quantiles
 from icgnet.benchmark.tables import Table
 from icgnet.errors import InputError
-from icgnet.grasping.gripper import load_gripper
-from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.threads import set_threads
 from icgnet.network.weights_header import DEFAULT_WEIGHTS
 from icgnet.predictor import Predictor
-from icgnet.settings import check_choice
 
 WHOLE, MESHES = "whole", "meshes"
 STAGES: tuple[str, ...] = ("input", "encode", "grasps", "collision", "select", MESHES)
@@ -70,19 +66,6 @@ class LatencyNumbers:
     model: ModelSize
 
 
-def untrained_predictor(preset: str, threads: int | None = None, gripper: str | Path = "franka") -> Predictor:
-    """A predictor with random weights, to time a network that nobody has trained.
-
-    Raises:
-        InputError: no such preset or gripper, or a number of threads below 1.
-        DataError: the gripper cannot be used.
-    """
-    check_choice("preset", preset, tuple(NETWORKS))
-    set_threads(threads)
-    torch.manual_seed(0)
-    return Predictor(IcgNet(replace(NETWORKS[preset], gripper=load_gripper(gripper))))
-
-
 def model_size(network: IcgNet, weights: Path | None) -> ModelSize:
     """The size of a network, and of the file that it comes from."""
     parameters = list(network.parameters())
@@ -99,13 +82,9 @@ def measure(config: LatencyConfig) -> LatencyNumbers:
     Raises:
         IcgnetError: unusable objects, weights or gripper, or no scene with a cloud.
     """
-    if config.preset is None:
-        predictor, file = Predictor.load(config.weights, config.threads, config.gripper), config.weights
-        file = file or DEFAULT_WEIGHTS
-    else:
-        predictor, file = untrained_predictor(config.preset, config.threads, config.gripper), None
+    predictor = Predictor.load(config.weights, config.threads, config.gripper)
     pictures = list(take_pictures(config, predictor.gripper))
-    return time_predictions(predictor, pictures, config.repeats, config.input, file)
+    return time_predictions(predictor, pictures, config.repeats, config.input, config.weights or DEFAULT_WEIGHTS)
 
 
 def tables(numbers: LatencyNumbers) -> list[Table]:

@@ -45,7 +45,7 @@ def origin() -> Origin:
     return Origin(package, source_commit(), _processor(), os.cpu_count() or 1, platform.python_version())
 
 
-def write_report(out: Path | None, kind: str, config: Any, numbers: Any, **more: object) -> None:
+def write_report(out: Path | None, kind: str, config: Any, numbers: Any) -> None:
     """Writes numbers, what decided them and what they were made with into a folder, if one is given.
 
     Args:
@@ -53,13 +53,12 @@ def write_report(out: Path | None, kind: str, config: Any, numbers: Any, **more:
         kind: what was measured.
         config: the dataclass that decided the numbers.
         numbers: a dataclass.
-        more: entries of the report.
 
     Raises:
         DataError: the system cannot write, or weights or gripper cannot be read.
     """
     if out is not None:
-        report = {"benchmark": kind, **asdict(numbers), **more, "settings": settings(config)}
+        report = {"benchmark": kind, **asdict(numbers), "settings": settings(config)}
         write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
 
 

@@ -23,7 +23,7 @@ class Clutter:
     """Let a planner grasp scenes empty, and count. Run it again to go on after an interruption."""
 
     out: Path
-    """Folder for report.json, attempts.jsonl and what is needed to go on."""
+    """Folder for report.json, rounds.jsonl with all attempts, and what is needed to go on."""
     config: Annotated[ClutterConfig, Flat]
     """What decides the numbers."""
     workers: int = 1
@@ -51,7 +51,8 @@ class Clutter:
                 text = ""
                 if rounds:
                     numbers = summarise(rounds)
-                    text = f"GSR {numbers.gsr.mean:.1f} DR {numbers.dr.mean:.1f}"
+                    rates = {"GSR": numbers.gsr, "DR": numbers.dr}
+                    text = " ".join(f"{name} {rate.mean:.1f}" for name, rate in rates.items() if rate)
                 progress.update(task, completed=len(rounds), description=text)
 
             numbers = run_clutter(config, self.out, self.workers, show)
