@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from box_objects import RADIUS, BoxAndBall, placed
+from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
@@ -44,7 +45,7 @@ def planners(tmp_path_factory) -> dict[str, Planner]:
     weights = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     save_weights(weights, tiny_network(), {})
     return {
-        "icgnet": IcgNetPlanner(weights),
+        "icgnet": IcgNetPlanner(ClutterConfig(weights=weights)),
         "antipodal": AntipodalPlanner(),
         "random": RandomPlanner(),
         "oracle": OraclePlanner(),

@@ -1,7 +1,7 @@
 """Several reports beside the published tables, as one page of Markdown; every row says how it was measured.
 
-The cells of our rows come from the columns that each section lists: the labels say what was measured and are texts of
-a report, the values are texts of all reports of a row. Published rows are cells already, in `published.yaml`.
+The columns of a table are labels, texts of a report that say what was measured, and values, texts of all reports of a
+row. Published rows are cells already, in `published.yaml`; what is said about the tables is in `page.yaml`.
 """
 
 import json
@@ -9,6 +9,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from icgnet.benchmark.config import EVERY, IN_LABELS, OUR_NETWORK
 from icgnet.benchmark.published import PUBLISHED
@@ -18,41 +21,16 @@ from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW
 
+PAGE: Mapping[str, Any] = yaml.safe_load((Path(__file__).parent / "page.yaml").read_text(encoding="utf-8"))
+"""Introduction, what stands below the headings, and what the marks of a row mean."""
+UNCOMMITTED, FEW, MIXED = PAGE["marks"]
+MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
+SKIPPED = "nothing found"
+SCENES = ("packed", "pile")
+
 Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
 Label = Callable[[StoredReport], str]
 Value = Callable[[Row], str]
-
-MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
-UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
-NOTES: Mapping[str, str] = {
-    UNCOMMITTED: "made, at least in part, with source that no commit is known to hold: files had changed, or there was "
-    "no repository.",
-    FEW: f"fewer than {MANY_ROUNDS} rounds or scenes.",
-    MIXED: "packed and pile, or the rounds of one of them, were measured with different source.",
-}
-"""What the marks of a row mean."""
-SKIPPED = "nothing found"
-SCENES = ("packed", "pile")
-SCORES = {
-    "mean IoU": "instance_miou",
-    "AP50": "ap50",
-    "panoptic quality, any class": "pq",
-    "panoptic quality, right class": "class_pq",
-    "class accuracy of matches": "class_accuracy",
-}
-OVERLAP = {
-    "P": "precision",
-    "R": "recall",
-    "F": "f",
-    "boundary F": "boundary_f",
-    "objects with F >= 0.75": "good",
-}
-INTRODUCTION = """# Benchmark
-
-Ours: mean ± population standard deviation [95 % interval]. Rates vary over runs, if there are several, with Wilson's
-interval of all attempts (GSR) or all objects (DR); as those of one round are not independent, it is probably too
-narrow, above all for DR. Shapes and instances vary over scenes, with a bootstrap over them. Published: as printed.
-docs/benchmark.md explains cameras, noise and rules; where they differ, a comparison is not fair."""
 
 
 def compare(reports: Sequence[StoredReport]) -> str:
@@ -74,10 +52,15 @@ def compare(reports: Sequence[StoredReport]) -> str:
         kinds = ", ".join(sorted({report.kind for report in reports})) or "none"
         raise InputError(f"there must be a report of {', '.join(writers)}; found: {kinds}")
     sections = [write(of[kind]) for kind in writers if of[kind] for write in writers[kind]]
-    notes = [f"- {mark} {text}" for mark, text in NOTES.items() if any(f" {mark}" in section for section in sections)]
+    marks = {mark: text for mark, text in PAGE["marks"].items() if any(f" {mark}" in section for section in sections)}
+    notes = [f"- {mark} {text}" for mark, text in marks.items()]
     others = [f"{report.name} ({report.kind})" for report in reports if report.kind not in writers]
     notes += [f"- Not on this page: {', '.join(others)}."] if others else []
-    return "\n\n".join([INTRODUCTION, *sections, "\n".join(notes)]).rstrip() + "\n"
+    return "\n\n".join([PAGE["introduction"], *sections, "\n".join(notes)]).rstrip() + "\n"
+
+
+def _section(heading: str, *parts: str) -> str:
+    return "\n\n".join([f"## {heading}", PAGE["sections"][heading], *parts])
 
 
 def _clutter(reports: Sequence[StoredReport]) -> str:
@@ -87,16 +70,13 @@ def _clutter(reports: Sequence[StoredReport]) -> str:
     own: dict[tuple[str, str], list[StoredReport]] = {}
     for report in _in_order(reports, _rules, _method, _rounds):
         own.setdefault((report.text("settings", "view"), report.text("settings", "noise")), []).append(report)
-    parts = ["## Clutter removal\n\nGSR: successes by attempts, DR: objects grasped away by objects placed, percent."]
-    rates = {
-        f"{scene} {name.upper()}": _in_scene(scene, _number(".1f", name)) for scene in SCENES for name in ("gsr", "dr")
-    }
+    parts = []
     for setting in sorted(own, key=lambda each: (order.index(each) if each in order else len(order), each)):
         edge = any(report.text("settings", "protocol") == "edge" for report in own[setting])
         rows = _pairs(own[setting], irrelevant=("opening",))
-        table = _table(_ROUNDS, _SOURCE | rates, rows, published.get(setting, []) if edge else [])
+        table = _table(_ROUNDS, _SOURCE | RATES, rows, published.get(setting, []) if edge else [])
         parts.append(f"### Camera {setting[0]}, noise {setting[1]}\n\n{table}")
-    return "\n\n".join(parts)
+    return _section("Clutter removal", *parts)
 
 
 def _failures(reports: Sequence[StoredReport]) -> str:
@@ -110,68 +90,34 @@ def _failures(reports: Sequence[StoredReport]) -> str:
     values = {"attempts": _count("attempts"), "failed": failed(*causes)}
     values |= {cause: failed(cause) for cause in (*causes, SKIPPED)}
     values |= {name: _count(name) for name in ("touching", "lost")}
-    meaning = (
-        f"Failed attempts by cause. {SKIPPED}: pictures without a grasp; touching: attempts, failed or not, in which "
-        "the open hand touched anything but its target; lost: objects pushed out of the workspace."
-    )
     rows = [[report] for report in _in_order(reports, _rules, _method, _rounds)]
-    return f"## Why attempts failed\n\n{meaning}\n\n{_table({**_ROUNDS, 'kind': _scene}, values, rows)}"
+    return _section("Why attempts failed", _table({**_ROUNDS, "kind": _scene}, values, rows))
 
 
 def _shapes(reports: Sequence[StoredReport]) -> str:
-    columns = {
-        "IoU, %": _number(".1f", "scene", "iou"),
-        "C-L1, mm": _number(".2f", "scene", "chamfer_l1_mm"),
-        "scenes without a shape": _count("without_shape"),
-    }
-    values = {f"{scene} {name}": _in_scene(scene, value) for scene in SCENES for name, value in columns.items()}
-    meaning = (
-        "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
-        "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
-    )
     rows = _pairs(_in_order(reports, _camera_and_noise, _method, _pictures), irrelevant=("threads",))
-    return f"## Shapes\n\n{meaning}\n\n{_table(_PICTURES, _SOURCE | values, rows, PUBLISHED['shapes'])}"
+    return _section("Shapes", _table(_PICTURES, _SOURCE | SHAPES, rows, PUBLISHED["shapes"]))
 
 
 def _instances(reports: Sequence[StoredReport]) -> str:
-    values = {f"{title}, %": _number(".1f", "scores", name) for title, name in SCORES.items()}
     rows = [[report] for report in _in_order(reports, _camera_and_noise, _method, _pictures)]
-    meaning = "We know of no published values on these scenes."
-    return f"## Instances\n\n{meaning}\n\n{_table({**_PICTURES, 'kind': _scene}, _SOURCE | values, rows)}"
+    return _section("Instances", _table({**_PICTURES, "kind": _scene}, _SOURCE | SCORES, rows))
 
 
 def _times(reports: Sequence[StoredReport]) -> str:
-    labels: dict[str, Label] = {
-        "method": _method,
-        "input": lambda report: f"input {report.text('settings', 'input')}",
-        "scenes": lambda report: f"{_scene(report)}, {_camera_and_noise(report)}, {_pictures(report)}",
-        "hardware": _hardware,
-    }
-
-    def time(*keys: str) -> Value:
-        return lambda row: cell(row[0].quantiles(*keys), ".0f")
-
     stages = dict.fromkeys(stage for report in reports for stage in report.mapping("stages_ms"))
     values = {
         "parameters": lambda row: f"{row[0].count('model', 'parameters') / 1e6:.1f} M",
-        "whole": time("whole_ms"),
-        **{stage: time("stages_ms", stage) for stage in stages},
+        "whole": _quantiles("whole_ms"),
+        **{stage: _quantiles("stages_ms", stage) for stage in stages},
     }
-    meaning = (
-        "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
-        "source defines it."
-    )
     rows = [[report] for report in _in_order(reports, _method, _pictures)]
-    return f"## Time\n\n{meaning}\n\n{_table(labels, _SOURCE | values, rows, PUBLISHED['times'])}"
+    return _section("Time", _table(_TIMED, _SOURCE | values, rows, PUBLISHED["times"]))
 
 
 def _captures(reports: Sequence[StoredReport]) -> str:
-    """Overlap with label images beside published values; a row for each subset of each report."""
-    labels: dict[str, Label] = {
-        "method": lambda report: f"icgnet {report.text('settings', 'weights')[:8]}",
-        "frames": lambda report: report.name,
-    }
-    values = {title: _number(".1f", name) for title, name in OVERLAP.items()}
+    """A row for each subset of each report, whose numbers take the place of the report's."""
+    labels: dict[str, Label] = {"method": _method, "frames": lambda report: report.name}
     rows = [
         [replace(report, name=f"{report.name}: {group}", values={**report.values, **report.mapping("groups", group)})]
         for report in sorted(reports, key=lambda each: each.name)
@@ -179,11 +125,7 @@ def _captures(reports: Sequence[StoredReport]) -> str:
         if report.value("groups", group, "f") is not None
         and (group != EVERY or IN_LABELS not in report.mapping("groups"))  # else the same twice
     ]
-    meaning = (
-        "Overlap with label images, percent. Ours of OSD are of the version of Alexandrov, in which floor, walls and "
-        "far things are cut away. Objects, classes, grasps, support and time: report.json of each."
-    )
-    return f"## Real frames\n\n{meaning}\n\n{_table(labels, _SOURCE | values, rows, PUBLISHED['captures'])}"
+    return _section("Real frames", _table(labels, _SOURCE | OVERLAP, rows, PUBLISHED["captures"]))
 
 
 def _table(
@@ -258,8 +200,7 @@ def _method(report: StoredReport) -> str:
     unusual = [f"{key}={value}" for key, value in search.items() if usual.get(key, value) != value]
     if settings.get("level_table") is False:
         unusual.append("depth as measured")
-    hand = report.text("settings", "gripper", "name")
-    if hand != "franka":
+    if "gripper" in settings and (hand := report.text("settings", "gripper", "name")) != "franka":
         unusual.append(f"hand {hand}")
     return f"{name} ({', '.join(unusual)})" if unusual else name
 
@@ -300,6 +241,12 @@ def _hardware(report: StoredReport) -> str:
 
 _ROUNDS: dict[str, Label] = {"method": _method, "protocol": _rules, "scenes": _rounds}
 _PICTURES: dict[str, Label] = {"method": _method, "protocol": _camera_and_noise, "scenes": _pictures}
+_TIMED: dict[str, Label] = {
+    "method": _method,
+    "input": lambda report: f"input {report.text('settings', 'input')}",
+    "scenes": lambda report: f"{_scene(report)}, {_camera_and_noise(report)}, {_pictures(report)}",
+    "hardware": _hardware,
+}
 
 # Values: who measured, and the numbers.
 
@@ -312,22 +259,14 @@ def _source(row: Row) -> str:
     return f"icgnet {', '.join(states)}"
 
 
-_SOURCE: dict[str, Value] = {"measured by": _source}
-
-
-def _in_scene(scene: str, value: Value) -> Value:
-    """A column of one kind of scene, of which a row may lack a report."""
-
-    def of_scene(row: Row) -> str:
-        reports = [report for report in row if _scene(report) == scene]
-        return value(reports) if reports else NOTHING
-
-    return of_scene
-
-
 def _number(form: str, *keys: str) -> Value:
     """A column of a measured number with its spread."""
     return lambda row: cell(row[0].spread(*keys), form)
+
+
+def _quantiles(*keys: str) -> Value:
+    """A column of times [ms]."""
+    return lambda row: cell(row[0].quantiles(*keys), ".0f")
 
 
 def _count(*keys: str) -> Value:
@@ -335,5 +274,39 @@ def _count(*keys: str) -> Value:
     return lambda row: str(row[0].count(*keys))
 
 
+def _beside(columns: Mapping[str, Value]) -> dict[str, Value]:
+    """The columns of packed scenes, then those of piles; a row may lack a report of one of them."""
+
+    def of_scene(scene: str, value: Value) -> Value:
+        return lambda row: next((value([report]) for report in row if _scene(report) == scene), NOTHING)
+
+    return {f"{scene} {name}": of_scene(scene, value) for scene in SCENES for name, value in columns.items()}
+
+
 def _causes(report: StoredReport) -> Counter[str]:
     return Counter({cause: report.count("failures", cause) for cause in report.mapping("failures")})
+
+
+_SOURCE: dict[str, Value] = {"measured by": _source}
+RATES = _beside({"GSR": _number(".1f", "gsr"), "DR": _number(".1f", "dr")})
+SHAPES = _beside(
+    {
+        "IoU, %": _number(".1f", "scene", "iou"),
+        "C-L1, mm": _number(".2f", "scene", "chamfer_l1_mm"),
+        "scenes without a shape": _count("without_shape"),
+    }
+)
+SCORES = {
+    "mean IoU, %": _number(".1f", "scores", "instance_miou"),
+    "AP50, %": _number(".1f", "scores", "ap50"),
+    "panoptic quality, any class, %": _number(".1f", "scores", "pq"),
+    "panoptic quality, right class, %": _number(".1f", "scores", "class_pq"),
+    "class accuracy of matches, %": _number(".1f", "scores", "class_accuracy"),
+}
+OVERLAP = {
+    "P": _number(".1f", "precision"),
+    "R": _number(".1f", "recall"),
+    "F": _number(".1f", "f"),
+    "boundary F": _number(".1f", "boundary_f"),
+    "objects with F >= 0.75": _number(".1f", "good"),
+}

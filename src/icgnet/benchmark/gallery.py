@@ -1,7 +1,7 @@
 """Pictures of the worst attempts of a finished clutter benchmark: each is seen and planned again, and drawn."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -12,6 +12,7 @@ from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation
+from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
 from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, ClutterJob, Round, Shot
@@ -120,13 +121,7 @@ def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
     )
 
 
-def draw_gallery(
-    config: ClutterConfig,
-    out: Path,
-    count: int,
-    on_picture: Callable[[int, int], None] = lambda done, total: None,
-    panel: tuple[int, int] = PANEL,
-) -> Path:
+def draw_gallery(config: ClutterConfig, out: Path, count: int, panel: tuple[int, int] = PANEL) -> Path:
     """Draws the worst failures of a benchmark's folder into its folder `gallery`, which is replaced.
 
     Beside the pictures, index.json says what each shows.
@@ -135,7 +130,6 @@ def draw_gallery(
         config: of the benchmark.
         out: its folder.
         count: pictures at most.
-        on_picture: called with the number of finished pictures and of all, at the start and after each one.
         panel: height and width of each of the four parts of a picture [pixels].
 
     Returns:
@@ -147,17 +141,15 @@ def draw_gallery(
     shots = worst(read_rounds(out / ROUNDS_FILE), count)
     job = ClutterJob(config, load_object_set(config.objects), load_gripper(config.gripper))
     planner = load_planner(config)
-    on_picture(0, len(shots))
     with output_folder(out / GALLERY_FOLDER, INDEX_FILE) as folder:
         index = []
-        for number, shot in enumerate(shots):
+        for number, shot in enumerate(progress_bar(shots, "pictures")):
             seen = look_again(job, shot, planner)
             scene = draw_replay(seen, panel)
             name = f"{number:02d}_{cause_of(shot).replace(' ', '-')}_{shot.run}-{shot.round}-{shot.attempt}.png"
             attempt_picture(scene).save(folder / name)
             place = {"run": shot.run, "round": shot.round, "attempt": shot.attempt}
             index.append({"file": name, "cause": cause_of(shot), **place, "title": scene.title, "story": scene.story})
-            on_picture(number + 1, len(shots))
         (folder / INDEX_FILE).write_text(json.dumps(index, indent=1) + "\n")
     return out / GALLERY_FOLDER
 

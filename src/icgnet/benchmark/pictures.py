@@ -1,6 +1,6 @@
 """Scenes and pictures for the numbers of the network: those with which the rounds of the clutter benchmark begin."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.predictor import Predictor
 
 Measured = TypeVar("Measured")
+ItemT = TypeVar("ItemT")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,12 @@ class Picture:
         return predictor.predict_cloud(cloud.points, cloud.viewpoint, self.observation.table_height)
 
 
+def progress_bar(items: Sequence[ItemT], what: str) -> Iterable[ItemT]:
+    """The items, with a bar on standard error, if that is a terminal, that shows how many have been taken."""
+    console = Console(stderr=True)
+    return track(items, what, console=console, transient=True, disable=not console.is_terminal)
+
+
 def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripper: Gripper) -> Picture:
     """The picture of this number; scene and camera depend on the seed and the number only.
 
@@ -55,15 +62,13 @@ def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripp
 
 
 def take_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
-    """All pictures, one after the other, with a bar on standard error that shows how many have been taken.
+    """All pictures, one after the other.
 
     Raises:
         IcgnetError: unusable objects, or a set that has nothing for this kind and split.
     """
-    console, object_set = Console(stderr=True), load_object_set(config.objects)
-    for index in track(
-        range(config.scenes), "scenes", console=console, transient=True, disable=not console.is_terminal
-    ):
+    object_set = load_object_set(config.objects)
+    for index in progress_bar(range(config.scenes), "scenes"):
         yield take_picture(config, index, object_set, gripper)
 
 

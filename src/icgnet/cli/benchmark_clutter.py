@@ -44,7 +44,8 @@ class Clutter:
         config = self.config
         load_objects(config.objects)  # the workers load their own; here it says what is left out
         console = Console()
-        with _progress(console, "rounds") as progress:
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+        with Progress(TextColumn("rounds"), *columns, console=console) as progress:
             task = progress.add_task("", total=config.runs * config.rounds)
 
             def show(rounds: Sequence["Round"]) -> None:
@@ -60,25 +61,7 @@ class Clutter:
         for table in tables(numbers):
             print_table(table)
         if self.gallery:
-            self._draw(console)
+            from icgnet.benchmark.gallery import draw_gallery
 
-    def _draw(self, console: Console) -> None:
-        from icgnet.benchmark.gallery import draw_gallery
-
-        with _progress(console, "pictures") as progress:
-            task = progress.add_task("", total=None)
-            folder = draw_gallery(
-                self.config, self.out, self.gallery, lambda done, of: progress.update(task, completed=done, total=of)
-            )
-        console.print(f"pictures of the worst attempts: {folder}", soft_wrap=True)
-
-
-def _progress(console: Console, what: str) -> Progress:
-    return Progress(
-        TextColumn(what),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.description}"),
-        TimeRemainingColumn(),
-        console=console,
-    )
+            folder = draw_gallery(config, self.out, self.gallery)
+            console.print(f"pictures of the worst attempts: {folder}", soft_wrap=True)
