@@ -11,7 +11,7 @@ import torch
 
 from icgnet.benchmark.config import LatencyConfig
 from icgnet.benchmark.pictures import Picture, take_pictures
-from icgnet.benchmark.record import origin
+from icgnet.benchmark.record import processor
 from icgnet.benchmark.statistics import Quantiles
 from icgnet.benchmark.tables import Table
 from icgnet.errors import InputError
@@ -95,7 +95,7 @@ def tables(numbers: LatencyNumbers) -> list[Table]:
     file = "" if size.file_bytes is None else f", {size.file_bytes / 1e6:.1f} MB on disk"
     note = (
         f"{numbers.calls} calls; {numbers.points:.0f} points, {numbers.objects:.1f} objects, "
-        f"{numbers.grasps:.0f} grasps; {numbers.device}, {numbers.threads} threads, {origin().processor}; "
+        f"{numbers.grasps:.0f} grasps; {numbers.device}, {numbers.threads} threads, {processor()}; "
         f"{size.parameters / 1e6:.2f} M parameters, {size.bytes / 1e6:.1f} MB in memory{file}"
     )
     rows = [(name, f"{time:.0f}") for name, time in times.items()]

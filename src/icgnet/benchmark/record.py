@@ -4,7 +4,7 @@ import json
 import os
 import platform
 import subprocess
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,32 +17,14 @@ from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
 REPORT_FILE = "report.json"
 
 
-@dataclass(frozen=True)
-class Origin:
-    """What a measurement was made with.
-
-    Attributes:
-        version: of this package.
-        commit: of its source, if it runs from a repository; "-dirty" is added when files had changed.
-        processor: model of the CPU.
-        cores: logical cores of the machine.
-        python: version.
-    """
-
-    version: str
-    commit: str | None
-    processor: str
-    cores: int
-    python: str
-
-
-def origin() -> Origin:
-    """The code and the machine that run now."""
+def origin() -> dict[str, Any]:
+    """The version of this package, the commit of its source, and the machine that runs it."""
     try:
         package = version("icgnet")
     except PackageNotFoundError:
         package = "unknown"
-    return Origin(package, source_commit(), _processor(), os.cpu_count() or 1, platform.python_version())
+    machine = {"processor": processor(), "cores": os.cpu_count() or 1, "python": platform.python_version()}
+    return {"version": package, "commit": source_commit(), **machine}
 
 
 def write_report(out: Path | None, kind: str, config: Any, numbers: Any) -> None:
@@ -59,7 +41,7 @@ def write_report(out: Path | None, kind: str, config: Any, numbers: Any) -> None
     """
     if out is not None:
         report = {"benchmark": kind, **asdict(numbers), "settings": settings(config)}
-        write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
+        write_json(out / REPORT_FILE, {**report, "origin": origin()})
 
 
 def read_json(path: Path) -> Any:
@@ -117,7 +99,8 @@ def _git(folder: Path, *command: str) -> str:
     ).stdout.strip()
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Model of the CPU."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
