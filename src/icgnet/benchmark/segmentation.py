@@ -195,8 +195,8 @@ def compare_masks(
     # More than half of both: no other pair can have one of the two.
     same = np.argwhere(overlaps > SAME)
     pairs = [Pair(objects[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in same]
-    pairs += [Pair(objects[i], None) for i in np.delete(asked, same[:, 1])]
-    pairs += [Pair(None, predicted.classes[p]) for p in np.delete(found, same[:, 0])]
+    pairs += [Pair(objects[i], None) for i in np.delete(asked, same[:, 1]).tolist()]
+    pairs += [Pair(None, predicted.classes[p]) for p in np.delete(found, same[:, 0]).tolist()]
     tally = GraspTally()
     masks = torch.from_numpy((predicted.labels == found[:, None]) & (owners >= 0))
     count_masks(tally, (masks, torch.from_numpy(predicted.scores[found])), torch.from_numpy(owners == asked[:, None]))
@@ -214,7 +214,8 @@ def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np
 def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
     """The numbers of at least one scene."""
     by_object: dict[str, Counter[str]] = defaultdict(Counter)
-    confusion = {row: dict.fromkeys((*CLASSES, MISSED), 0) for row in (*CLASSES, INVENTED)}
+    columns: tuple[str, ...] = (*CLASSES, MISSED)
+    confusion = {row: dict.fromkeys(columns, 0) for row in (*CLASSES, INVENTED)}
     for pair in _pairs(scenes):
         told = pair.predicted_class or MISSED
         confusion[pair.true.class_name if pair.true else INVENTED][told] += 1
