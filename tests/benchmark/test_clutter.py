@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from icgnet.benchmark import clutter
-from icgnet.benchmark.clutter import CONFIG_FILE, ROUNDS_FILE, ClutterJob, read_rounds, run_clutter, summarise
+from icgnet.benchmark import clutter, rounds
+from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds, run_clutter, summarise
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.registry import BUILT_IN, load_planner
-from icgnet.benchmark.record import REPORT_FILE, settings
-from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round, round_scene, until_over
+from icgnet.benchmark.record import REPORT_FILE
+from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, play_round, round_scene, until_over
 from icgnet.errors import DataError, InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.object_set import load_object_set
@@ -61,12 +61,11 @@ def world():
 
 
 def test_rates_are_pooled_in_a_run_and_averaged_over_runs():
+    lost = replace(attempt(False, "too wide"), lost=["a"])
     played = [
-        Round(0, 0, placed=4, skips=1, left=1, lost=0, attempts=[attempt(True)] * 3, skipped=[]),
-        Round(0, 1, placed=1, skips=0, left=1, lost=0, attempts=[attempt(False)], skipped=[]),
-        Round(
-            1, 0, placed=2, skips=0, left=0, lost=1, attempts=[attempt(True), attempt(False, "too wide")], skipped=[]
-        ),
+        Round(0, 0, placed=4, left=1, attempts=[attempt(True)] * 3, skipped=[skipped()]),
+        Round(0, 1, placed=1, left=1, attempts=[attempt(False)], skipped=[]),
+        Round(1, 0, placed=2, left=0, attempts=[attempt(True), lost], skipped=[]),
     ]
     numbers = summarise(played)
     assert numbers.gsr.mean == pytest.approx((75.0 + 50.0) / 2)
@@ -79,7 +78,7 @@ def test_rates_are_pooled_in_a_run_and_averaged_over_runs():
 
 def test_the_interval_is_the_one_of_wilson():
     """Nine of ten, as in any table of Wilson's intervals."""
-    one = Round(0, 0, 10, 0, 1, 0, attempts=[attempt(True)] * 9 + [attempt(False)], skipped=[])
+    one = Round(0, 0, 10, 1, attempts=[attempt(True)] * 9 + [attempt(False)], skipped=[])
     numbers = summarise([one])
     assert (numbers.gsr.low, numbers.gsr.high) == pytest.approx((59.58, 98.21), abs=0.01)
     assert (numbers.dr.low, numbers.dr.high) == pytest.approx((59.58, 98.21), abs=0.01)
@@ -117,12 +116,12 @@ def test_an_empty_table_ends_a_round():
 
 
 def test_a_round_ends_after_three_pictures_in_which_nothing_is_found(world):
-    played = play_round(CHANCE, 0, 0, NothingFound(), *world)
-    assert (played.skips, played.attempts, played.left) == (3, [], played.placed)
+    played = play_round(ClutterJob(CHANCE, *world), 0, 0, NothingFound())
+    assert (len(played.skipped), played.attempts, played.left) == (3, [], played.placed)
 
 
 def test_a_round_ends_after_two_failures_in_a_row(world):
-    played = play_round(CHANCE, 0, 0, AlwaysBeside(), *world)
+    played = play_round(ClutterJob(CHANCE, *world), 0, 0, AlwaysBeside())
     assert [each.cause for each in played.attempts] == ["missed", "missed"]
     assert played.left == played.placed
 
@@ -133,8 +132,8 @@ def test_a_round_begins_with_the_same_scene_and_camera_for_every_planner(world):
     assert [each.name for each in first.objects] == [each.name for each in again.objects]
     for one, other in zip(first.objects, again.objects, strict=True):
         np.testing.assert_array_equal(one.T_world_object, other.T_world_object)
-    beside = play_round(CHANCE, 1, 1, AlwaysBeside(), *world)
-    other = play_round(replace(CHANCE, protocol="strict"), 1, 1, AlwaysBeside(), *world)
+    beside = play_round(ClutterJob(CHANCE, *world), 1, 1, AlwaysBeside())
+    other = play_round(ClutterJob(replace(CHANCE, protocol="strict"), *world), 1, 1, AlwaysBeside())
     assert [each.camera for each in beside.attempts] == [each.camera for each in other.attempts]
 
 
@@ -189,7 +188,7 @@ def test_another_seed_gives_another_round_17_of_run_2(world, by_chance):
 
 def made_up_round(run: int, number: int) -> Round:
     """One success, one failure, one skip."""
-    return Round(run, number, 2, 1, 1, 0, [attempt(True), attempt(False)], [skipped()])
+    return Round(run, number, 2, 1, [attempt(True), attempt(False)], [skipped()])
 
 
 def skipped(number: int = 2) -> Shot:
@@ -210,10 +209,9 @@ def test_the_report_has_what_others_read(tmp_path):
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["gsr"]["mean"] == report["dr"]["mean"] == 50.0
     assert {"mean", "std", "low", "high"} == report["gsr"].keys() == report["dr"].keys()
-    assert (report["attempts"], report["rounds"], report["protocol"]) == (8, 4, "edge")
+    assert (report["attempts"], report["rounds"], report["settings"]["protocol"]) == (8, 4, "edge")
     assert report["failures"] == {"missed": 4, "nothing found": 4}
     assert {"settings", "origin"} <= report.keys()
-    assert len((tmp_path / "attempts.jsonl").read_text().splitlines()) == 8
 
 
 @pytest.fixture
@@ -222,7 +220,11 @@ def playing(monkeypatch):
 
     def play(folder, commit: str | None) -> dict[str, object]:
         """The report that comes of it."""
-        monkeypatch.setattr(clutter, "play_round", lambda config, run, number, *_: made_up_round(run, number))
+
+        def made_up(job, run, number, planner):
+            return replace(made_up_round(run, number), commit=job.commit)
+
+        monkeypatch.setattr(rounds, "play_round", made_up)
         monkeypatch.setattr(clutter, "source_commit", lambda: commit)
         run_clutter(CHANCE, folder)
         return json.loads((folder / REPORT_FILE).read_text())
@@ -252,31 +254,9 @@ def test_a_finished_benchmark_goes_on_naming_the_code_that_made_it(tmp_path, pla
     assert playing(tmp_path, "bbb")["commits"] == ["aaa"], "it only counted"
 
 
-@pytest.mark.parametrize(
-    ("report", "commits"),
-    [({"origin": {"commit": "old"}}, ["old", "new"]), (None, [None, "new"])],
-    ids=["with a report", "without"],
-)
-def test_of_rounds_that_no_commit_was_noted_for_the_report_says_or_it_is_unknown(tmp_path, playing, report, commits):
-    write_rounds(tmp_path, 3)
-    (tmp_path / CONFIG_FILE).write_text(json.dumps(settings(CHANCE)))
-    if report is not None:
-        (tmp_path / REPORT_FILE).write_text(json.dumps(report))
-    assert playing(tmp_path, "new")["commits"] == commits
-
-
-def test_a_finished_folder_without_noted_commits_is_left_as_it_is(tmp_path, playing):
-    write_rounds(tmp_path, CHANCE.runs * CHANCE.rounds)
-    (tmp_path / CONFIG_FILE).write_text(json.dumps(settings(CHANCE)))
-    (tmp_path / REPORT_FILE).write_text(json.dumps({"origin": {"commit": "old"}}))
-    before = {path.name: path.read_text() for path in tmp_path.glob("*.json*")}
-    playing(tmp_path, "new")
-    assert {path.name: path.read_text() for path in tmp_path.glob("*.json*")} == before
-
-
 def test_with_one_worker_the_planner_is_made_once(tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(clutter, "load_planner", lambda source: made.append(source) or NothingFound())
+    monkeypatch.setattr(rounds, "load_planner", lambda source: made.append(source) or NothingFound())
     run_clutter(replace(CHANCE, runs=1), tmp_path)
     assert len(made) == 1
     assert len(read_rounds(tmp_path / ROUNDS_FILE)) == 2
@@ -342,13 +322,13 @@ def test_a_killed_benchmark_goes_on_and_ends_as_an_uninterrupted_one(tmp_path):
     assert replace(resumed, plan_seconds=0.0) == replace(whole, plan_seconds=0.0)
 
     def attempts(folder):
-        rows = [json.loads(line) for line in (tmp_path / folder / "attempts.jsonl").read_text().splitlines()]
-        return [{**row, "plan_seconds": None} for row in rows]
+        found = sorted(read_rounds(tmp_path / folder / ROUNDS_FILE), key=lambda each: each.round)
+        return [replace(attempt, plan_seconds=0.0) for each in found for attempt in each.attempts]
 
     assert attempts("killed") == attempts("whole")
     report = json.loads((tmp_path / "whole" / "report.json").read_text())
     assert report["gsr"] == asdict(whole.gsr)
-    assert report["protocol"] == "edge"
+    assert report["settings"]["protocol"] == "edge"
 
 
 def test_a_folder_with_another_benchmark_is_refused(tmp_path):

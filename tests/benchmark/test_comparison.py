@@ -78,10 +78,10 @@ def shapes(iou: float | None, chamfer: float | None, **settings: object) -> dict
 
 
 def latency(**values: object) -> dict[str, object]:
-    stages = {"encode": 200.0, "collision": 90.0}
-    times = {"median_ms": 300.0, "p10_ms": 250.0, "p90_ms": 400.0, "device": "cpu", "threads": 1}
-    times |= {"model": {"parameters": 3335958}, "stages_ms": stages, "stages_p10_ms": stages, "stages_p90_ms": stages}
-    return on_pictures("latency", times | values, weights=None, preset="paper", input="cloud")
+    whole = {"mean": None, "median": 300.0, "p10": 250.0, "p90": 400.0}
+    stages = {name: dict.fromkeys(whole, time) for name, time in {"encode": 200.0, "collision": 90.0}.items()}
+    times = {"whole_ms": whole, "stages_ms": stages, "device": "cpu", "threads": 1, "model": {"parameters": 3335958}}
+    return on_pictures("latency", times | values, input="cloud")
 
 
 @pytest.fixture
@@ -302,7 +302,7 @@ def test_instances_and_times_have_sections(page):
     names = ("instance_miou", "ap50", "pq", "class_pq", "class_accuracy")
     scores = {name: measured(60.0 + index) for index, name in enumerate(names)}
     text = page(
-        on_pictures("segmentation", {**scores, "scenes": 100}, scene="pile"),
+        on_pictures("segmentation", {"scores": scores, "scenes": 100}, scene="pile"),
         latency(),
     )
     instances = rows(section(text, "Instances"), "icgnet")[0]
@@ -311,7 +311,7 @@ def test_instances_and_times_have_sections(page):
     time = section(text, "Time")
     assert rows(time, "method")[0][5:] == ["parameters", "whole", "encode", "collision"]
     own = rows(time, "icgnet")[0]
-    assert own[0] == "icgnet, untrained preset paper"
+    assert own[0] == "icgnet 01234567"
     assert own[3] == "Slow CPU, cpu, 1 thread"
     assert own[5:] == ["3.3 M", "300 (250 to 400)", "200 (200 to 200)", "90 (90 to 90)"]
     assert [rows(time, "ICG-Net")[0][index] for index in (3, 5, 6)] == ["NVIDIA RTX 3080", "3.2 M", "138"]

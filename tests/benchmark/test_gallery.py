@@ -11,11 +11,11 @@ from icgnet.benchmark.attempt_story import grip_line, is_same, meeting_points, s
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.gallery import draw_gallery, draw_replay, look_again, worst
-from icgnet.benchmark.observation import Truth, observe
+from icgnet.benchmark.observation import observe
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.chance import RandomPlanner
 from icgnet.benchmark.record import settings
-from icgnet.benchmark.rounds import Attempt, Round, Shot, play_round
+from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, play_round
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
@@ -75,7 +75,7 @@ def skipped(number: int, objects: int = 1) -> Shot:
 
 
 def played(attempts: list[Attempt], pictures: list[Shot]) -> Round:
-    return Round(0, 0, 5, len(pictures), 1, 0, attempts, pictures)
+    return Round(0, 0, 5, 1, attempts, pictures)
 
 
 SMALL = (118, 200)
@@ -90,7 +90,7 @@ def procedural():
 def watched(procedural) -> tuple[Round, list[np.ndarray]]:
     """A round of grasps by chance as it is read back from a file, and the clouds that the planner got."""
     planner = Watched()
-    found = play_round(CONFIG, 0, 0, planner, procedural, GRIPPER)
+    found = play_round(ClutterJob(CONFIG, procedural, GRIPPER), 0, 0, planner)
     return found, planner.clouds
 
 
@@ -119,8 +119,8 @@ def test_every_cause_has_its_turn_the_most_frequent_first_and_the_most_trusted_o
 
 def test_of_pictures_without_a_grasp_each_round_shows_its_first_before_any_second():
     rounds = [
-        Round(0, 0, 5, 2, 1, 0, [], [skipped(0, objects=1), skipped(1, objects=1)]),
-        Round(0, 1, 5, 1, 1, 0, [], [replace(skipped(3, objects=5), round=1)]),
+        Round(0, 0, 5, 1, [], [skipped(0, objects=1), skipped(1, objects=1)]),
+        Round(0, 1, 5, 1, [], [replace(skipped(3, objects=5), round=1)]),
     ]
     assert [(each.round, each.attempt) for each in worst(rounds, 3)] == [(1, 3), (0, 0), (0, 1)]
 
@@ -132,7 +132,7 @@ def test_looking_again_sees_the_same_cloud_and_plans_the_same_grasp(folder, watc
     assert [each.attempt for each in again.skipped] == [0]
     assert again.attempts
     for shot in [*again.skipped, *again.attempts]:
-        seen = look_again(CONFIG, shot, RandomPlanner(), procedural, GRIPPER)
+        seen = look_again(ClutterJob(CONFIG, procedural, GRIPPER), shot, RandomPlanner())
         np.testing.assert_array_equal(seen.observation.cloud.points, clouds[shot.attempt])
         np.testing.assert_array_equal(seen.observation.T_world_camera, shot.camera)
         if isinstance(shot, Attempt):
@@ -187,7 +187,7 @@ def box_alone(*more: tuple[str, tuple[float, float, float]]) -> TrueShapes:
 def observation_of(truth: TrueShapes):
     objects = BoxAndBall()
     seen = observe(truth.scene, objects, "random", "none", GRIPPER, True, np.random.default_rng(0))
-    return replace(seen, truth=Truth(truth.scene, objects))
+    return replace(seen, truth=TrueShapes(truth.scene, objects))
 
 
 def test_the_line_between_the_pads_is_measured_on_the_true_shape():
@@ -248,6 +248,6 @@ def test_a_picture_in_which_nothing_was_found_says_what_was_seen(watched, proced
         def plan(self, observation):
             return Plan.nothing()
 
-    scene = draw_replay(look_again(CONFIG, watched[0].skipped[0], Silent(), procedural, GRIPPER))
+    scene = draw_replay(look_again(ClutterJob(CONFIG, procedural, GRIPPER), watched[0].skipped[0], Silent()))
     assert scene.grasp is None
     assert scene.story == (f"{len(scene.cloud)} points seen.",)

@@ -7,12 +7,14 @@ import pytest
 from scipy.spatial import KDTree
 
 from box_objects import RADIUS, BoxAndBall, placed
-from icgnet.benchmark.observation import Observation, Truth, observe
+from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 from icgnet.benchmark.planners.chance import RandomPlanner
 from icgnet.benchmark.planners.icgnet import IcgNetPlanner, cloud_on_table
 from icgnet.benchmark.planners.oracle import OraclePlanner
+from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import make_transform
@@ -43,7 +45,7 @@ def planners(tmp_path_factory) -> dict[str, Planner]:
     weights = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     save_weights(weights, tiny_network(), {})
     return {
-        "icgnet": IcgNetPlanner(weights),
+        "icgnet": IcgNetPlanner(ClutterConfig(weights=weights)),
         "antipodal": AntipodalPlanner(),
         "random": RandomPlanner(),
         "oracle": OraclePlanner(),
@@ -58,7 +60,7 @@ def scene(objects) -> Scene:
 def look(scene: Scene, objects: ObjectSet, seed: int = 0, full_opening: bool = False) -> Observation:
     rng = np.random.default_rng(seed)
     observation = observe(scene, objects, "random", "gaussian", FRANKA, full_opening, rng)
-    return replace(observation, rng=np.random.default_rng(seed), truth=Truth(scene, objects))
+    return replace(observation, rng=np.random.default_rng(seed), truth=TrueShapes(scene, objects))
 
 
 def empty_table(objects: ObjectSet) -> Observation:

@@ -12,8 +12,6 @@ from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
-    NamedObject,
-    PointOwners,
     SceneMasks,
     compare_masks,
     label_overlaps,
@@ -22,6 +20,7 @@ from icgnet.benchmark.segmentation import (
     panoptic_quality,
     summarise,
 )
+from icgnet.benchmark.true_shapes import NamedObject
 from icgnet.cli.main import main
 from icgnet.errors import InputError
 from icgnet.network.config import NETWORKS
@@ -34,8 +33,9 @@ def labels(**counts: int) -> np.ndarray:
     return np.concatenate([np.full(count, -1 if name == "none" else int(name[1:])) for name, count in counts.items()])
 
 
-def truth(points: np.ndarray, *classes: str) -> PointOwners:
-    return PointOwners(points, tuple(NamedObject(f"object_{index}", name) for index, name in enumerate(classes)))
+def truth(points: np.ndarray, *classes: str) -> tuple[np.ndarray, tuple[NamedObject, ...]]:
+    """Whose the points are, and what stands there."""
+    return points, tuple(NamedObject(f"object_{index}", name) for index, name in enumerate(classes))
 
 
 def found(points: np.ndarray, *objects: tuple[str, float]) -> Labelling:
@@ -45,7 +45,7 @@ def found(points: np.ndarray, *objects: tuple[str, float]) -> Labelling:
 @pytest.fixture
 def perfect() -> SceneMasks:
     points = labels(a0=100, b1=200)
-    return compare_masks(0, found(points, ("box", 0.9), ("mug", 0.8)), truth(points, "box", "mug"))
+    return compare_masks(0, found(points, ("box", 0.9), ("mug", 0.8)), *truth(points, "box", "mug"))
 
 
 def test_a_perfect_answer_scores_100_everywhere(perfect):
@@ -58,7 +58,7 @@ def test_a_perfect_answer_scores_100_everywhere(perfect):
 
 def test_two_objects_merged_into_one_are_one_match_and_one_miss():
     points = labels(a0=120, b1=80)
-    numbers = summarise([compare_masks(0, found(np.zeros(200, int), ("box", 0.9)), truth(points, "box", "box"))])
+    numbers = summarise([compare_masks(0, found(np.zeros(200, int), ("box", 0.9)), *truth(points, "box", "box"))])
     assert numbers.scores["sq"].mean == pytest.approx(60.0)
     assert numbers.scores["rq"].mean == pytest.approx(100 / 1.5)
     assert numbers.scores["pq"].mean == numbers.scores["class_pq"].mean == pytest.approx(40.0)
@@ -69,7 +69,7 @@ def test_two_objects_merged_into_one_are_one_match_and_one_miss():
 
 def test_an_object_in_two_pieces_is_one_match_and_one_invention():
     predicted = found(labels(a0=70, b1=30), ("box", 0.5), ("ball", 0.9))
-    numbers = summarise([compare_masks(0, predicted, truth(labels(a0=100), "box"))])
+    numbers = summarise([compare_masks(0, predicted, *truth(labels(a0=100), "box"))])
     assert numbers.scores["pq"].mean == pytest.approx(100 * 0.7 / 1.5)
     # The wrong piece is the surer one, so the right one comes with precision 1/2.
     assert numbers.scores["ap50"].mean == pytest.approx(50.0)
@@ -83,14 +83,14 @@ def test_objects_are_ranked_by_their_own_score_and_not_by_that_of_their_class():
     answer = labelling(replace(pieces, objects=sure_of_class))
     assert answer.scores.tolist() == [0.9, 0.4]
     # The right piece is the surer one, so that the wrong one costs nothing.
-    assert summarise([compare_masks(0, answer, truth(labels(a0=100), "box"))]).scores["ap50"].mean == pytest.approx(
+    assert summarise([compare_masks(0, answer, *truth(labels(a0=100), "box"))]).scores["ap50"].mean == pytest.approx(
         100.0
     )
 
 
 def test_a_wrong_class_costs_class_quality_only(perfect):
     points = labels(a0=100, b1=200)
-    wrong = compare_masks(0, found(points, ("box", 0.9), ("can", 0.8)), truth(points, "box", "mug"))
+    wrong = compare_masks(0, found(points, ("box", 0.9), ("can", 0.8)), *truth(points, "box", "mug"))
     numbers = summarise([wrong])
     assert numbers.scores["pq"].mean == pytest.approx(100.0)
     assert numbers.scores["class_accuracy"].mean == pytest.approx(50.0)
@@ -105,28 +105,28 @@ def test_the_class_that_an_object_could_have_had_as_well_counts_apart():
     points = labels(a0=FEWEST_POINTS - 1, b1=100, c2=200, d3=300)  # the first one is hardly seen, so not asked for
     real = (("hidden", "ball"), ("tub", "cylindric", "can"), ("tin", "box", "can"), ("cup", "mug"))
     answer = found(points, ("ball", 0.9), ("can", 0.9), ("ball", 0.8), ("mug", 0.7))
-    numbers = summarise([compare_masks(0, answer, PointOwners(points, tuple(NamedObject(*each) for each in real)))])
+    numbers = summarise([compare_masks(0, answer, points, tuple(NamedObject(*each) for each in real))])
     assert numbers.by_object == {"cup": {"mug": 1}, "tin": {"ball": 1}, "tub": {"can": 1}}
     assert numbers.scores["class_accuracy"].mean == pytest.approx(100 / 3)
     assert numbers.scores["class_accuracy_alternative"].mean == pytest.approx(200 / 3)
 
 
 def test_answers_are_counted_by_object(perfect):
-    missed = compare_masks(1, found(labels(none=100)), truth(labels(a0=100), "box"))
+    missed = compare_masks(1, found(labels(none=100)), *truth(labels(a0=100), "box"))
     assert summarise([perfect, missed]).by_object == {"object_0": {"box": 1, "missed": 1}, "object_1": {"mug": 1}}
 
 
 def test_noise_points_and_hardly_seen_objects_are_not_asked_for():
     points = labels(a0=100, b1=FEWEST_POINTS - 1, none=50)
     everything = found(labels(a0=100, b1=FEWEST_POINTS - 1, c2=50), ("box", 0.9), ("mug", 0.8), ("can", 0.8))
-    numbers = summarise([compare_masks(0, everything, truth(points, "box", "mug"))])
+    numbers = summarise([compare_masks(0, everything, *truth(points, "box", "mug"))])
     assert numbers.objects == 1
     assert numbers.predicted == 1
     assert numbers.scores["pq"].mean == pytest.approx(100.0)
 
 
 def test_nothing_found_scores_zero():
-    numbers = summarise([compare_masks(0, found(labels(none=100)), truth(labels(a0=100), "box"))])
+    numbers = summarise([compare_masks(0, found(labels(none=100)), *truth(labels(a0=100), "box"))])
     assert numbers.scores["pq"].mean == numbers.scores["ap50"].mean == numbers.scores["instance_miou"].mean == 0.0
     assert numbers.scores["class_accuracy"] is None
     assert numbers.scores["sq"] is None
@@ -134,7 +134,7 @@ def test_nothing_found_scores_zero():
 
 
 def test_scenes_are_counted_together_and_not_averaged(perfect):
-    missed = compare_masks(1, found(labels(none=100)), truth(labels(a0=100), "box"))
+    missed = compare_masks(1, found(labels(none=100)), *truth(labels(a0=100), "box"))
     # Two matches and one miss, in whichever scenes.
     assert panoptic_quality([perfect, missed])[0] == pytest.approx(2 / 2.5)
     numbers = summarise([perfect, missed])
@@ -154,8 +154,9 @@ def test_the_command_prints_tables_and_writes_a_report(tmp_path, capsys):
     assert "panoptic quality" in printed
     assert "missed" in printed
     report = json.loads((tmp_path / "report.json").read_text())
-    assert 30 < report["instance_miou"]["mean"] <= 100
-    assert report["pq"]["mean"] <= min(report["sq"]["mean"], report["rq"]["mean"])
+    assert 30 < report["scores"]["instance_miou"]["mean"] <= 100
+    pq, sq, rq = (report["scores"][name]["mean"] for name in ("pq", "sq", "rq"))
+    assert pq <= min(sq, rq)
     assert report["settings"]["scene"] == "packed"
     assert len(report["rows"]) == report["scenes"] == 1
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from icgnet.benchmark.statistics import evaluate
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
 from icgnet.studies.config import LabelCeilingConfig
 from icgnet.studies.label_ceiling import NUMBERS, outcomes
-from icgnet.studies.measured import evaluate
 
 
 def test_trials_that_always_end_alike_can_be_known():

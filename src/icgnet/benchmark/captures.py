@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from icgnet.benchmark.capture_scores import GOOD, KINDS, FrameScores, score
 from icgnet.benchmark.config import EVERY, IN_CLICKS, IN_LABELS, CapturesConfig
 from icgnet.benchmark.labelled_frames import LabelledFrame, find_frames, read_frame
+from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.statistics import Spread, spread
 from icgnet.benchmark.tables import NOTHING, Table
@@ -102,9 +101,8 @@ def measure(config: CapturesConfig, look: Look | None = None) -> CaptureNumbers:
         read_frame(path)  # what is wrong with one is said before the first prediction
     predictor = Predictor.load(config.weights, config.threads)
     predict(predictor, read_frame(paths[0], config.pose))  # the first one takes longer
-    console = Console(stderr=True)
     rows = []
-    for path in track(paths, "frames", console=console, transient=True, disable=not console.is_terminal):
+    for path in progress_bar(paths, "frames"):
         frame = read_frame(path, config.pose)
         prediction, seconds, error = predict(predictor, frame)
         rows.append(score(frame, prediction, predictor.classes, seconds, error))

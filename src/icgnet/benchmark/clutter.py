@@ -9,34 +9,31 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
 from icgnet.benchmark.config import ClutterConfig
-from icgnet.benchmark.planner import Planner
-from icgnet.benchmark.planners.registry import load_planner
-from icgnet.benchmark.record import REPORT_FILE, settings, source_commit, write_report
-from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, play_round
-from icgnet.benchmark.statistics import Spread
+from icgnet.benchmark.record import REPORT_FILE, read_json, settings, source_commit, write_report
+from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, ClutterJob, Round, Shot, planner_of
+from icgnet.benchmark.statistics import Spread, cell
 from icgnet.benchmark.tables import Table
 from icgnet.errors import DataError
-from icgnet.files import cut_unfinished_line, new_file, write_json
-from icgnet.grasping.gripper import Gripper, load_gripper
-from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.files import cut_unfinished_line, write_json
+from icgnet.grasping.gripper import load_gripper
+from icgnet.objects.object_set import load_object_set
 from icgnet.parallel.lock import locked
 from icgnet.parallel.pool import local_pool
 
-CONFIG_FILE, ROUNDS_FILE, ATTEMPTS_FILE = "config.json", "rounds.jsonl", "attempts.jsonl"
+CONFIG_FILE, ROUNDS_FILE = "config.json", "rounds.jsonl"
 
 
 @dataclass(frozen=True)
 class ClutterNumbers:
     """The result of a benchmark.
 
-    Rates are in percent: mean and population standard deviation over the runs, as published, and Wilson's 95 % interval
-    of the pooled rate, as if all attempts were independent.
+    Rates are in percent, None where nothing was tried: mean and population standard deviation over the runs, as
+    published, and Wilson's 95 % interval of the pooled rate, as if all attempts were independent.
 
     Attributes:
         gsr: successes by attempts.
@@ -49,10 +46,11 @@ class ClutterNumbers:
         touching: attempts, failed or not, in which the open hand touched anything but the target on its way.
         lost: objects that were pushed out of the workspace.
         plan_seconds: median time of the planner for one picture [s].
+        commits: every source that rounds were played with; None for one that no commit is known to hold.
     """
 
-    gsr: Spread
-    dr: Spread
+    gsr: Spread | None
+    dr: Spread | None
     attempts: int
     runs: int
     rounds: int
@@ -61,47 +59,19 @@ class ClutterNumbers:
     touching: int
     lost: int
     plan_seconds: float
-
-
-@dataclass(frozen=True)
-class ClutterJob:
-    """Everything that a worker must know to play any round; the planner is made in the worker."""
-
-    config: ClutterConfig
-    object_set: ObjectSet
-    gripper: Gripper
-
-    def make(self, number: int) -> Round:
-        """The round of this number; those of all runs are counted through."""
-        run, index = divmod(number, self.config.rounds)
-        return play_round(self.config, run, index, _planner(self.config), self.object_set, self.gripper)
-
-    def name(self, number: int) -> str:
-        """How messages call a round."""
-        run, index = divmod(number, self.config.rounds)
-        return f"round {index} of run {run} (seed {self.config.seed})"
-
-
-# A process keeps its planner, so that weights are read once and not for every round.
-_planners: dict[ClutterConfig, Planner] = {}
-
-
-def _planner(config: ClutterConfig) -> Planner:
-    if config not in _planners:
-        _planners[config] = load_planner(config)
-    return _planners[config]
+    commits: tuple[str | None, ...]
 
 
 def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
     """The statistics of rounds; at least one."""
     runs = sorted({each.run for each in rounds})
-    attempts = [attempt for each in rounds for attempt in each.attempts]
-    failures = Counter(attempt.cause for attempt in attempts if not attempt.success)
-    failures[NOTHING_FOUND] = sum(each.skips for each in rounds)
     by_run = [[each for each in rounds if each.run == run] for run in runs]
     tries = [sum(len(each.attempts) for each in own) for own in by_run]
     placed = [sum(each.placed for each in own) for own in by_run]
     successes = [sum(each.successes for each in own) for own in by_run]
+    attempts = [attempt for each in rounds for attempt in each.attempts]
+    failures = Counter(attempt.cause for attempt in attempts if not attempt.success)
+    failures[NOTHING_FOUND] = sum(len(each.skipped) for each in rounds)
     return ClutterNumbers(
         gsr=_rate(successes, tries),
         dr=_rate(successes, placed),
@@ -111,28 +81,28 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
         objects=sum(placed),
         failures=dict(failures),
         touching=sum(bool(attempt.touched) for attempt in attempts),
-        lost=sum(each.lost for each in rounds),
+        lost=sum(len(attempt.lost) for attempt in attempts),
         plan_seconds=float(np.median([attempt.plan_seconds for attempt in attempts])) if attempts else float("nan"),
+        commits=tuple(dict.fromkeys(each.commit for each in rounds)),
     )
 
 
-def _rate(successes: Sequence[int], totals: Sequence[int]) -> Spread:
-    """Mean and spread over runs, and Wilson's interval of all runs together; nan where nothing was tried."""
+def _rate(successes: Sequence[int], totals: Sequence[int]) -> Spread | None:
+    """Mean and spread over runs, and Wilson's interval of all runs together; None where nothing was tried."""
     rates = [100.0 * s / t for s, t in zip(successes, totals, strict=True) if t]
     if not rates:
-        return Spread(*[float("nan")] * 4)
+        return None
     interval = binomtest(sum(successes), sum(totals)).proportion_ci(0.95, method="wilson")
-    return Spread(
-        float(np.mean(rates)), float(np.std(rates)), 100.0 * float(interval.low), 100.0 * float(interval.high)
-    )
+    deviation = float(np.std(rates)) if len(totals) > 1 else None
+    return Spread(float(np.mean(rates)), deviation, 100.0 * float(interval.low), 100.0 * float(interval.high))
 
 
 def tables(numbers: ClutterNumbers) -> list[Table]:
     """What is printed."""
     causes = sorted(numbers.failures.items(), key=lambda item: -item[1])
     rows = [
-        ("grasp success rate, %", _rate_cell(numbers.gsr, numbers.runs)),
-        ("declutter rate, %", _rate_cell(numbers.dr, numbers.runs)),
+        ("grasp success rate, % [95 %]", cell(numbers.gsr, ".1f")),
+        ("declutter rate, % [95 %]", cell(numbers.dr, ".1f")),
         ("rounds, objects, attempts", f"{numbers.rounds}, {numbers.objects}, {numbers.attempts}"),
         *((cause if cause == NOTHING_FOUND else f"failed: {cause}", str(count)) for cause, count in causes),
         ("attempts that touched something else on their way", str(numbers.touching)),
@@ -140,11 +110,6 @@ def tables(numbers: ClutterNumbers) -> list[Table]:
         ("planning, median", f"{numbers.plan_seconds:.2f} s"),
     ]
     return [Table(("what", "value"), rows)]
-
-
-def _rate_cell(rate: Spread, runs: int) -> str:
-    spread = f" ± {rate.std:.1f}" if runs > 1 else ""
-    return f"{rate.mean:.1f}{spread} (95 %: {rate.low:.1f} to {rate.high:.1f})"
 
 
 def run_clutter(
@@ -155,8 +120,8 @@ def run_clutter(
 ) -> ClutterNumbers:
     """Plays all rounds that a folder lacks, and writes what came of them.
 
-    Writes config.json, rounds.jsonl (a line for each finished round, so that a killed benchmark goes on where it was),
-    attempts.jsonl and report.json, which names every commit that rounds were played with.
+    Writes config.json, rounds.jsonl (a line for each finished round, so that a killed benchmark goes on where it was)
+    and report.json, which names every commit that rounds were played with.
 
     Args:
         config: of the benchmark.
@@ -170,9 +135,9 @@ def run_clutter(
         DataError: a folder with another benchmark, one that another process is writing into, or a round there that
             cannot be read.
     """
-    job = ClutterJob(config, load_object_set(config.objects), load_gripper(config.gripper))
+    job = ClutterJob(config, load_object_set(config.objects), load_gripper(config.gripper), source_commit())
     # What is wrong with the planner shows here, and not in a worker. A single process goes on with this one.
-    _planners[config] = load_planner(config)
+    planner_of(config, anew=True)
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _check_config(out / CONFIG_FILE, config)
@@ -181,69 +146,33 @@ def run_clutter(
         on_round(rounds)
         done = {each.run * config.rounds + each.round for each in rounds}
         missing = [number for number in range(config.runs * config.rounds) if number not in done]
-        commits = _commits(out, config, played=bool(rounds), goes_on=bool(missing))
         with (out / ROUNDS_FILE).open("a") as file, closing(local_pool(job, workers)) as pool:
             for finished in pool.make(missing):
                 file.write(json.dumps(asdict(finished)) + "\n")
                 file.flush()
                 rounds.append(finished)
                 on_round(rounds)
-        rounds.sort(key=lambda each: (each.run, each.round))
         numbers = summarise(rounds)
         if missing or not (out / REPORT_FILE).is_file():
-            _write_attempts(out / ATTEMPTS_FILE, rounds)
-            write_report(out, "clutter", config, numbers, protocol=config.protocol, commits=commits)
+            write_report(out, "clutter", config, numbers)
     return numbers
 
 
 def _check_config(path: Path, config: ClutterConfig) -> None:
-    """Makes sure that the configuration of a folder, if there is one, is this one.
+    """Makes sure that the configuration of a folder is this one, and writes it if there is none.
 
     Raises:
-        DataError: another benchmark is in the folder.
+        DataError: another benchmark is in the folder, or what is there cannot be read.
     """
-    now, there = settings(config), _read_object(path)
-    changes = [f"{key} is {there.get(key)!r} there, {now[key]!r} now" for key in now if there.get(key) != now[key]]
-    if there and changes:
-        raise DataError(f"{path.parent}: holds another benchmark: {'; '.join(changes)}")
-
-
-def _commits(out: Path, config: ClutterConfig, *, played: bool, goes_on: bool) -> list[str | None]:
-    """The commits that the rounds of a folder were played with; None stands for one that is not known.
-
-    Args:
-        out: the folder; its configuration is written if it lacks one, or if rounds are going to be played.
-        config: of the benchmark.
-        played: whether it holds rounds.
-        goes_on: whether rounds are going to be played, with the source that runs now.
-    """
-    there = _read_object(out / CONFIG_FILE)
-    commits = there.get("commits")
-    if commits is None:  # no rounds yet, or rounds of a version that named one commit, in the report
-        origin = _read_object(out / REPORT_FILE).get("origin")
-        commits = [origin.get("commit") if isinstance(origin, dict) else None] if played else []
-    if goes_on:
-        commits = list(dict.fromkeys([*commits, source_commit()]))
-    if goes_on or not there:
-        write_json(out / CONFIG_FILE, {**settings(config), "commits": commits})
-    return commits
-
-
-def _read_object(path: Path) -> dict[str, Any]:
-    """The names and values in a file; none if it is missing.
-
-    Raises:
-        DataError: something else is in it.
-    """
+    now = settings(config)
     if not path.is_file():
-        return {}
-    try:
-        values = json.loads(path.read_text())
-    except (ValueError, OSError) as error:
-        raise DataError(f"{path}: cannot be read: {error}") from error
-    if not isinstance(values, dict):
-        raise DataError(f"{path}: must hold names with values, got {values!r}")
-    return values
+        write_json(path, now)
+    there = read_json(path)
+    if not isinstance(there, dict):
+        raise DataError(f"{path}: must hold names with values, got {there!r}")
+    changes = [f"{key} is {there.get(key)!r} there, {now[key]!r} now" for key in now if there.get(key) != now[key]]
+    if changes:
+        raise DataError(f"{path.parent}: holds another benchmark: {'; '.join(changes)}")
 
 
 def read_rounds(path: Path) -> list[Round]:
@@ -272,9 +201,3 @@ def _round(line: str, place: str) -> Round:
         raise DataError(f"{place}: this round has no {error.args[0]!r}; delete the line to play it again") from error
     except (ValueError, TypeError) as error:
         raise DataError(f"{place}: not a round: {error}; delete the line to play it again") from error
-
-
-def _write_attempts(path: Path, rounds: Sequence[Round]) -> None:
-    lines = [json.dumps(asdict(attempt)) + "\n" for each in rounds for attempt in each.attempts]
-    with new_file(path) as file:
-        file.write("".join(lines).encode())

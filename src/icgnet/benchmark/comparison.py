@@ -1,52 +1,36 @@
 """Several reports beside the published tables, as one page of Markdown; every row says how it was measured.
 
-The cells of our rows come from the columns that each section lists: the labels say what was measured and are texts of
-a report, the values are texts of all reports of a row. Published rows are cells already, in `published.yaml`.
+The columns of a table are labels, texts of a report that say what was measured, and values, texts of all reports of a
+row. Published rows are cells already, in `published.yaml`; what is said about the tables is in `page.yaml`.
 """
 
 import json
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-from icgnet.benchmark.config import EVERY, IN_LABELS
+import yaml
+
+from icgnet.benchmark.config import EVERY, IN_LABELS, OUR_NETWORK
 from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.reports import StoredReport
+from icgnet.benchmark.statistics import cell
 from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW
 
-Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
-Labels = Mapping[str, Callable[[StoredReport], str]]
-Values = Mapping[str, Callable[[Row], str]]
-
+PAGE: Mapping[str, Any] = yaml.safe_load((Path(__file__).parent / "page.yaml").read_text(encoding="utf-8"))
+"""Introduction, what stands below the headings, and what the marks of a row mean."""
+UNCOMMITTED, FEW, MIXED = PAGE["marks"]
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
-UNCOMMITTED, FEW, MIXED = "†", "‡", "§"
-NOTES: Mapping[str, str] = {
-    UNCOMMITTED: "made, at least in part, with source that no commit is known to hold: files had changed, or there was "
-    "no repository.",
-    FEW: f"fewer than {MANY_ROUNDS} rounds or scenes.",
-    MIXED: "packed and pile, or the rounds of one of them, were measured with different source.",
-}
-"""What the marks of a row mean."""
 SKIPPED = "nothing found"
 SCENES = ("packed", "pile")
-SCORES = {
-    "instance_miou": "mean IoU",
-    "ap50": "AP50",
-    "pq": "panoptic quality, any class",
-    "class_pq": "panoptic quality, right class",
-    "class_accuracy": "class accuracy of matches",
-}
-INTRODUCTION = """# Benchmark
 
-Ours: mean ± population standard deviation [95 % interval]. Rates vary over runs, if there are several, with Wilson's
-interval of all attempts (GSR) or all objects (DR); as those of one round are not independent, it is probably too
-narrow, above all for DR. Shapes and instances vary over scenes, with a bootstrap over them. Published: as printed.
-docs/benchmark.md explains cameras, noise and rules; where they differ, a comparison is not fair."""
+Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
+Label = Callable[[StoredReport], str]
+Value = Callable[[Row], str]
 
 
 def compare(reports: Sequence[StoredReport]) -> str:
@@ -68,100 +52,72 @@ def compare(reports: Sequence[StoredReport]) -> str:
         kinds = ", ".join(sorted({report.kind for report in reports})) or "none"
         raise InputError(f"there must be a report of {', '.join(writers)}; found: {kinds}")
     sections = [write(of[kind]) for kind in writers if of[kind] for write in writers[kind]]
-    notes = [f"- {mark} {text}" for mark, text in NOTES.items() if any(f" {mark}" in section for section in sections)]
+    marks = {mark: text for mark, text in PAGE["marks"].items() if any(f" {mark}" in section for section in sections)}
+    notes = [f"- {mark} {text}" for mark, text in marks.items()]
     others = [f"{report.name} ({report.kind})" for report in reports if report.kind not in writers]
     notes += [f"- Not on this page: {', '.join(others)}."] if others else []
-    return "\n\n".join([INTRODUCTION, *sections, "\n".join(notes)]).rstrip() + "\n"
+    return "\n\n".join([PAGE["introduction"], *sections, "\n".join(notes)]).rstrip() + "\n"
+
+
+def _section(heading: str, *parts: str) -> str:
+    return "\n\n".join([f"## {heading}", PAGE["sections"][heading], *parts])
 
 
 def _clutter(reports: Sequence[StoredReport]) -> str:
-    """A table for each view and noise: ours, then what was published for them."""
+    """A table for each view and noise: ours, then what was published for them, all with the protocol edge."""
     published = {(each["view"], each["noise"]): each["rows"] for each in PUBLISHED["rates"]}
+    order = list(published)
     own: dict[tuple[str, str], list[StoredReport]] = {}
     for report in _in_order(reports, _rules, _method, _rounds):
         own.setdefault((report.text("settings", "view"), report.text("settings", "noise")), []).append(report)
-    numbers = {f"{scene} {name.upper()}": _number(1, name, scene=scene) for scene in SCENES for name in ("gsr", "dr")}
-    parts = ["## Clutter removal\n\nGSR: successes by attempts, DR: objects grasped away by objects placed, percent."]
-    order = list(published)
+    parts = []
     for setting in sorted(own, key=lambda each: (order.index(each) if each in order else len(order), each)):
-        rows = _pairs(own[setting], irrelevant=("opening",))
         edge = any(report.text("settings", "protocol") == "edge" for report in own[setting])
-        beside = published.get(setting, []) if edge else []  # none was published for other protocols
-        values = {"measured by": _source, **numbers}
-        view, noise = setting
-        parts.append(f"### Camera {view}, noise {noise}\n\n{_table(_ROUNDS, values, rows, beside)}")
-    return "\n\n".join(parts)
+        rows = _pairs(own[setting], irrelevant=("opening",))
+        table = _table(_ROUNDS, _SOURCE | RATES, rows, published.get(setting, []) if edge else [])
+        parts.append(f"### Camera {setting[0]}, noise {setting[1]}\n\n{table}")
+    return _section("Clutter removal", *parts)
 
 
 def _failures(reports: Sequence[StoredReport]) -> str:
     """Causes that occur, the most frequent first."""
     totals = sum((_causes(report) for report in reports), Counter())
     causes = sorted((cause for cause in totals if cause != SKIPPED), key=lambda cause: (-totals[cause], cause))
-    values = {
-        "attempts": _count("attempts"),
-        "failed": partial(_failed, causes),
-        **{cause: partial(_failed, [cause]) for cause in (*causes, SKIPPED)},
-        **{name: _count(name) for name in ("touching", "lost")},
-    }
-    meaning = (
-        f"Failed attempts by cause. {SKIPPED}: pictures without a grasp; touching: attempts, failed or not, in which "
-        "the open hand touched anything but its target; lost: objects pushed out of the workspace."
-    )
+
+    def failed(*some: str) -> Value:
+        return lambda row: str(sum(_causes(row[0])[cause] for cause in some))
+
+    values = {"attempts": _count("attempts"), "failed": failed(*causes)}
+    values |= {cause: failed(cause) for cause in (*causes, SKIPPED)}
+    values |= {name: _count(name) for name in ("touching", "lost")}
     rows = [[report] for report in _in_order(reports, _rules, _method, _rounds)]
-    return f"## Why attempts failed\n\n{meaning}\n\n{_table({**_ROUNDS, 'kind': _scene}, values, rows)}"
+    return _section("Why attempts failed", _table({**_ROUNDS, "kind": _scene}, values, rows))
 
 
 def _shapes(reports: Sequence[StoredReport]) -> str:
-    values: dict[str, Callable[[Row], str]] = {"measured by": _source}
-    for scene in SCENES:
-        values[f"{scene} IoU, %"] = _number(1, "scene", "iou", scene=scene)
-        values[f"{scene} C-L1, mm"] = _number(2, "scene", "chamfer_l1_mm", scene=scene)
-        values[f"{scene} scenes without a shape"] = _count("without_shape", scene=scene)
-    meaning = (
-        "Whole scenes: the union of all predicted shapes against all true ones. Where no shape was predicted, the IoU "
-        "is 0; the mean C-L1 leaves these scenes out, and the last column of a kind counts them."
-    )
     rows = _pairs(_in_order(reports, _camera_and_noise, _method, _pictures), irrelevant=("threads",))
-    return f"## Shapes\n\n{meaning}\n\n{_table(_PICTURES, values, rows, PUBLISHED['shapes'])}"
+    return _section("Shapes", _table(_PICTURES, _SOURCE | SHAPES, rows, PUBLISHED["shapes"]))
 
 
 def _instances(reports: Sequence[StoredReport]) -> str:
-    values = {"measured by": _source, **{f"{title}, %": _number(1, name) for name, title in SCORES.items()}}
     rows = [[report] for report in _in_order(reports, _camera_and_noise, _method, _pictures)]
-    meaning = "We know of no published values on these scenes."
-    return f"## Instances\n\n{meaning}\n\n{_table({**_PICTURES, 'kind': _scene}, values, rows)}"
+    return _section("Instances", _table({**_PICTURES, "kind": _scene}, _SOURCE | SCORES, rows))
 
 
 def _times(reports: Sequence[StoredReport]) -> str:
-    labels: Labels = {
-        "method": _method,
-        "input": lambda report: f"input {report.text('settings', 'input')}",
-        "scenes": lambda report: f"{_scene(report)}, {_camera_and_noise(report)}, {_pictures(report)}",
-        "hardware": _hardware,
-    }
     stages = dict.fromkeys(stage for report in reports for stage in report.mapping("stages_ms"))
-    values: Values = {
-        "measured by": _source,
+    values = {
         "parameters": lambda row: f"{row[0].count('model', 'parameters') / 1e6:.1f} M",
-        "whole": lambda row: _milliseconds(row[0], ["p10_ms"], ["median_ms"], ["p90_ms"]),
-        **{stage: partial(_stage, stage) for stage in stages},
+        "whole": _quantiles("whole_ms"),
+        **{stage: _quantiles("stages_ms", stage) for stage in stages},
     }
-    meaning = (
-        "In ms. Ours: median (10th to 90th percentile); whole: to ranked grasps, without meshes. Published: as each "
-        "source defines it."
-    )
     rows = [[report] for report in _in_order(reports, _method, _pictures)]
-    return f"## Time\n\n{meaning}\n\n{_table(labels, values, rows, PUBLISHED['times'])}"
+    return _section("Time", _table(_TIMED, _SOURCE | values, rows, PUBLISHED["times"]))
 
 
 def _captures(reports: Sequence[StoredReport]) -> str:
-    """Overlap with label images beside published values; a row for each subset of each report."""
-    labels: Labels = {
-        "method": lambda report: f"icgnet {report.text('settings', 'weights')[:8]}",
-        "frames": lambda report: report.name,
-    }
-    names = {"P": "precision", "R": "recall", "F": "f", "boundary F": "boundary_f", "objects with F >= 0.75": "good"}
-    values: Values = {"measured by": _source, **{title: _number(1, name) for title, name in names.items()}}
+    """A row for each subset of each report, whose numbers take the place of the report's."""
+    labels: dict[str, Label] = {"method": _method, "frames": lambda report: report.name}
     rows = [
         [replace(report, name=f"{report.name}: {group}", values={**report.values, **report.mapping("groups", group)})]
         for report in sorted(reports, key=lambda each: each.name)
@@ -169,14 +125,15 @@ def _captures(reports: Sequence[StoredReport]) -> str:
         if report.value("groups", group, "f") is not None
         and (group != EVERY or IN_LABELS not in report.mapping("groups"))  # else the same twice
     ]
-    meaning = (
-        "Overlap with label images, percent. Ours of OSD are of the version of Alexandrov, in which floor, walls and "
-        "far things are cut away. Objects, classes, grasps, support and time: report.json of each."
-    )
-    return f"## Real frames\n\n{meaning}\n\n{_table(labels, values, rows, PUBLISHED['captures'])}"
+    return _section("Real frames", _table(labels, _SOURCE | OVERLAP, rows, PUBLISHED["captures"]))
 
 
-def _table(labels: Labels, values: Values, rows: Sequence[Row], published: Sequence[Sequence[str]] = ()) -> str:
+def _table(
+    labels: Mapping[str, Label],
+    values: Mapping[str, Value],
+    rows: Sequence[Row],
+    published: Sequence[Sequence[str]] = (),
+) -> str:
     """Ours, then the published rows; rows that would be called the same are told apart by their folders."""
     headers = [*labels, *values]
     called = [[label(row[0]) for label in labels.values()] for row in rows]
@@ -200,12 +157,9 @@ def _marks(row: Row) -> list[str]:
     return [mark for mark, is_found in found.items() if is_found]
 
 
-def _in_order(reports: Sequence[StoredReport], *labels: Callable[[StoredReport], str]) -> list[StoredReport]:
+def _in_order(reports: Sequence[StoredReport], *labels: Label) -> list[StoredReport]:
     """Reports by what they are called; our network's first."""
-    return sorted(
-        reports,
-        key=lambda each: (each.settings.get("planner", "icgnet") != "icgnet", *(label(each) for label in labels)),
-    )
+    return sorted(reports, key=lambda each: (_planner(each) != OUR_NETWORK, *(label(each) for label in labels)))
 
 
 def _pairs(reports: Sequence[StoredReport], irrelevant: Sequence[str]) -> list[list[StoredReport]]:
@@ -232,21 +186,21 @@ def _pairs(reports: Sequence[StoredReport], irrelevant: Sequence[str]) -> list[l
 # Labels: what was measured.
 
 
+def _planner(report: StoredReport) -> str:
+    return str(report.settings.get("planner", OUR_NETWORK))
+
+
 def _method(report: StoredReport) -> str:
     """Planner or network, its weights, and what is unusual about its search."""
-    settings = report.settings
-    name = str(settings.get("planner", "icgnet"))
+    settings, name = report.settings, _planner(report)
     if settings.get("weights"):
         name += f" {str(settings['weights'])[:8]}"
-    elif settings.get("preset"):
-        name += f", untrained preset {settings['preset']}"
     usual = asdict(BEST_FEW)
     search = report.mapping("settings", "search") if settings.get("search") else {}
     unusual = [f"{key}={value}" for key, value in search.items() if usual.get(key, value) != value]
     if settings.get("level_table") is False:
         unusual.append("depth as measured")
-    hand = report.text("settings", "gripper", "name")
-    if hand != "franka":
+    if "gripper" in settings and (hand := report.text("settings", "gripper", "name")) != "franka":
         unusual.append(f"hand {hand}")
     return f"{name} ({', '.join(unusual)})" if unusual else name
 
@@ -285,8 +239,14 @@ def _hardware(report: StoredReport) -> str:
     return f"{report.text('origin', 'processor')}, {device}, {threads} {'thread' if threads == 1 else 'threads'}"
 
 
-_ROUNDS: Labels = {"method": _method, "protocol": _rules, "scenes": _rounds}
-_PICTURES: Labels = {"method": _method, "protocol": _camera_and_noise, "scenes": _pictures}
+_ROUNDS: dict[str, Label] = {"method": _method, "protocol": _rules, "scenes": _rounds}
+_PICTURES: dict[str, Label] = {"method": _method, "protocol": _camera_and_noise, "scenes": _pictures}
+_TIMED: dict[str, Label] = {
+    "method": _method,
+    "input": lambda report: f"input {report.text('settings', 'input')}",
+    "scenes": lambda report: f"{_scene(report)}, {_camera_and_noise(report)}, {_pictures(report)}",
+    "hardware": _hardware,
+}
 
 # Values: who measured, and the numbers.
 
@@ -299,50 +259,54 @@ def _source(row: Row) -> str:
     return f"icgnet {', '.join(states)}"
 
 
-def _number(digits: int, *keys: str, scene: str | None = None) -> Callable[[Row], str]:
-    """A column of a measured number with its spread; of one kind of scene, or of rows with a single report."""
-
-    def cell(row: Row) -> str:
-        report = _of_scene(row, scene)
-        if report is None or report.value(*keys) is None:
-            return NOTHING
-        numbers = [report.number(*keys, part) for part in ("mean", "std", "low", "high")]
-        mean, std, low, high = (f"{number:.{digits}f}" for number in numbers)
-        deviation = "" if report.settings.get("runs") == 1 else f" ± {std}"  # of one run there is none
-        return NOTHING if math.isnan(numbers[0]) else f"{mean}{deviation} [{low}, {high}]"
-
-    return cell
+def _number(form: str, *keys: str) -> Value:
+    """A column of a measured number with its spread."""
+    return lambda row: cell(row[0].spread(*keys), form)
 
 
-def _count(*keys: str, scene: str | None = None) -> Callable[[Row], str]:
-    """A column of a whole number; of one kind of scene, or of rows with a single report."""
-
-    def cell(row: Row) -> str:
-        report = _of_scene(row, scene)
-        return NOTHING if report is None else str(report.count(*keys))
-
-    return cell
+def _quantiles(*keys: str) -> Value:
+    """A column of times [ms]."""
+    return lambda row: cell(row[0].quantiles(*keys), ".0f")
 
 
-def _of_scene(row: Row, scene: str | None) -> StoredReport | None:
-    return next((report for report in row if scene is None or scene == _scene(report)), None)
+def _count(*keys: str) -> Value:
+    """A column of a whole number."""
+    return lambda row: str(row[0].count(*keys))
+
+
+def _beside(columns: Mapping[str, Value]) -> dict[str, Value]:
+    """The columns of packed scenes, then those of piles; a row may lack a report of one of them."""
+
+    def of_scene(scene: str, value: Value) -> Value:
+        return lambda row: next((value([report]) for report in row if _scene(report) == scene), NOTHING)
+
+    return {f"{scene} {name}": of_scene(scene, value) for scene in SCENES for name, value in columns.items()}
 
 
 def _causes(report: StoredReport) -> Counter[str]:
     return Counter({cause: report.count("failures", cause) for cause in report.mapping("failures")})
 
 
-def _failed(causes: Sequence[str], row: Row) -> str:
-    return str(sum(_causes(row[0])[cause] for cause in causes))
-
-
-def _stage(stage: str, row: Row) -> str:
-    if stage not in row[0].mapping("stages_ms"):
-        return NOTHING
-    return _milliseconds(row[0], *([name, stage] for name in ("stages_p10_ms", "stages_ms", "stages_p90_ms")))
-
-
-def _milliseconds(report: StoredReport, *keys: Sequence[str]) -> str:
-    """Median (10th to 90th percentile), which lie under three keys: 10th, median, 90th."""
-    low, middle, high = (report.number(*each) for each in keys)
-    return NOTHING if math.isnan(middle) else f"{middle:.0f} ({low:.0f} to {high:.0f})"
+_SOURCE: dict[str, Value] = {"measured by": _source}
+RATES = _beside({"GSR": _number(".1f", "gsr"), "DR": _number(".1f", "dr")})
+SHAPES = _beside(
+    {
+        "IoU, %": _number(".1f", "scene", "iou"),
+        "C-L1, mm": _number(".2f", "scene", "chamfer_l1_mm"),
+        "scenes without a shape": _count("without_shape"),
+    }
+)
+SCORES = {
+    "mean IoU, %": _number(".1f", "scores", "instance_miou"),
+    "AP50, %": _number(".1f", "scores", "ap50"),
+    "panoptic quality, any class, %": _number(".1f", "scores", "pq"),
+    "panoptic quality, right class, %": _number(".1f", "scores", "class_pq"),
+    "class accuracy of matches, %": _number(".1f", "scores", "class_accuracy"),
+}
+OVERLAP = {
+    "P": _number(".1f", "precision"),
+    "R": _number(".1f", "recall"),
+    "F": _number(".1f", "f"),
+    "boundary F": _number(".1f", "boundary_f"),
+    "objects with F >= 0.75": _number(".1f", "good"),
+}

@@ -126,26 +126,14 @@ class LatencyConfig(PictureConfig):
     """Timed predictions of each picture, after an untimed one."""
     input: Literal["cloud", "depth"] = "cloud"
     """What is given to the predictor: the fused cloud of the objects, or the depth image with the table."""
-    preset: Literal["paper", "default", "tiny"] | None = None
-    """Time an untrained network of this preset in place of weights; it finds other objects, so mind the stages."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_range(self, 1.0, "repeats")
-        if self.preset is not None and self.weights is not None:
-            raise InputError("give weights or preset, not both: a preset is timed untrained")
 
     def describe(self) -> str:
         """What stands above the numbers."""
-        model = "the weights" if self.preset is None else f"the untrained preset {self.preset}"
-        return f"{super().describe()}, {model}, input {self.input}"
-
-    def decisive(self) -> dict[str, Any]:
-        """What the times depend on."""
-        values = asdict(self)
-        if self.preset is not None:
-            del values["weights"]
-        return values
+        return f"{super().describe()}, input {self.input}"
 
 
 @dataclass(frozen=True, kw_only=True)

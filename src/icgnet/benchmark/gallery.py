@@ -1,7 +1,7 @@
 """Pictures of the worst attempts of a finished clutter benchmark: each is seen and planned again, and drawn."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -12,14 +12,15 @@ from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation
+from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
-from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, Round, Shot, look
+from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, ClutterJob, Round, Shot
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
-from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
-from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.objects.object_set import load_object_set
 from icgnet.output_folder import output_folder
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.viewer.attempt_picture import (
@@ -82,12 +83,12 @@ def worst(rounds: Sequence[Round], count: int) -> list[Shot]:
     return [shot for shot in mixed if shot is not None][:count]
 
 
-def look_again(config: ClutterConfig, shot: Shot, planner: Planner, object_set: ObjectSet, gripper: Gripper) -> Replay:
+def look_again(job: ClutterJob, shot: Shot, planner: Planner) -> Replay:
     """The picture as it was taken, and the plan that was made of it, if the planner depends on nothing else."""
     placed = zip(shot.scene, shot.scales, shot.object_poses, strict=True)
-    scene = Scene(config.scene, tuple(PlacedObject(name, scale, np.array(pose)) for name, scale, pose in placed))
-    observation = look(config, shot.run, shot.round, shot.attempt, scene, object_set, gripper, planner.needs_truth)
-    return Replay(shot, TrueShapes(scene, object_set), observation, planner.plan(observation))
+    scene = Scene(job.config.scene, tuple(PlacedObject(name, scale, np.array(pose)) for name, scale, pose in placed))
+    observation = job.look(shot.run, shot.round, shot.attempt, scene, planner.needs_truth)
+    return Replay(shot, TrueShapes(scene, job.object_set), observation, planner.plan(observation))
 
 
 def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
@@ -120,13 +121,7 @@ def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
     )
 
 
-def draw_gallery(
-    config: ClutterConfig,
-    out: Path,
-    count: int,
-    on_picture: Callable[[int, int], None] = lambda done, total: None,
-    panel: tuple[int, int] = PANEL,
-) -> Path:
+def draw_gallery(config: ClutterConfig, out: Path, count: int, panel: tuple[int, int] = PANEL) -> Path:
     """Draws the worst failures of a benchmark's folder into its folder `gallery`, which is replaced.
 
     Beside the pictures, index.json says what each shows.
@@ -135,7 +130,6 @@ def draw_gallery(
         config: of the benchmark.
         out: its folder.
         count: pictures at most.
-        on_picture: called with the number of finished pictures and of all, at the start and after each one.
         panel: height and width of each of the four parts of a picture [pixels].
 
     Returns:
@@ -145,33 +139,30 @@ def draw_gallery(
         InputError: a negative count, or a folder `gallery` with other files.
     """
     shots = worst(read_rounds(out / ROUNDS_FILE), count)
-    planner, object_set, gripper = load_planner(config), load_object_set(config.objects), load_gripper(config.gripper)
-    on_picture(0, len(shots))
+    job = ClutterJob(config, load_object_set(config.objects), load_gripper(config.gripper))
+    planner = load_planner(config)
     with output_folder(out / GALLERY_FOLDER, INDEX_FILE) as folder:
         index = []
-        for number, shot in enumerate(shots):
-            seen = look_again(config, shot, planner, object_set, gripper)
+        for number, shot in enumerate(progress_bar(shots, "pictures")):
+            seen = look_again(job, shot, planner)
             scene = draw_replay(seen, panel)
             name = f"{number:02d}_{cause_of(shot).replace(' ', '-')}_{shot.run}-{shot.round}-{shot.attempt}.png"
             attempt_picture(scene).save(folder / name)
             place = {"run": shot.run, "round": shot.round, "attempt": shot.attempt}
             index.append({"file": name, "cause": cause_of(shot), **place, "title": scene.title, "story": scene.story})
-            on_picture(number + 1, len(shots))
         (folder / INDEX_FILE).write_text(json.dumps(index, indent=1) + "\n")
     return out / GALLERY_FOLDER
 
 
 def _true_objects(seen: Replay) -> tuple[TrueObject, ...]:
-    shot = seen.shot
-    grasped = isinstance(shot, Attempt)
-    target = target_index(shot, seen.truth, seen.observation.gripper) if isinstance(shot, Attempt) else -1
-    touched = shot.touched if isinstance(shot, Attempt) else []
+    """What stands there; after an attempt only what it met has a name, as of many those would not be seen."""
+    shot, truth = seen.shot, seen.truth
+    if not isinstance(shot, Attempt):
+        labels = [f"{plain(each.name)} ({each.class_name})" for each in truth.objects]
+        return tuple(TrueObject(mesh, "other", label) for mesh, label in zip(truth.meshes, labels, strict=True))
+    target = target_index(shot, truth, seen.observation.gripper)
     objects = []
-    for index, (name, mesh) in enumerate(zip(shot.scene, seen.truth.meshes, strict=True)):
-        role: Role = "target" if index == target else "touched" if name in touched else "other"
-        label = f"{plain(name)} ({seen.truth.classes[index]})"
-        if grasped:
-            # Of many names, those that matter would not be seen.
-            label = "" if role == "other" else f"{role}: {plain(name)}"
-        objects.append(TrueObject(mesh, role, label))
+    for index, (name, mesh) in enumerate(zip(shot.scene, truth.meshes, strict=True)):
+        role: Role = "target" if index == target else "touched" if name in shot.touched else "other"
+        objects.append(TrueObject(mesh, role, "" if role == "other" else f"{role}: {plain(name)}"))
     return tuple(objects)

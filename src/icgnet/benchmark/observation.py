@@ -1,13 +1,12 @@
 """What a planner gets to see in the benchmark: one camera, a noisy depth image, and the fused cloud of the objects."""
 
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from icgnet.benchmark.config import NoiseName, ViewName
-from icgnet.errors import InputError
+from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
 from icgnet.geometry.clouds import PointCloud, radius_outlier_mask
 from icgnet.geometry.tsdf import fuse
@@ -16,6 +15,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.sensors.config import NOISES, SensorNoise, exactly
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
+from icgnet.settings import check_choice
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
 
@@ -58,14 +58,6 @@ FEWEST_POINTS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
-    """What really stands on the table; only planners that ask for it get it, as a ceiling for the others."""
-
-    scene: Scene
-    object_set: ObjectSet
-
-
-@dataclass(frozen=True, eq=False)
 class Observation:
     """Everything that a planner may use.
 
@@ -78,7 +70,7 @@ class Observation:
         gripper: the hand.
         full_opening: whether the hand will approach fully opened, whatever opening the planner gives.
         rng: source of everything that the planner draws.
-        truth: for planners that need it, else None.
+        truth: what really stands there, only for planners that ask for it, as a ceiling for the others.
     """
 
     cloud: PointCloud
@@ -89,7 +81,7 @@ class Observation:
     gripper: Gripper
     full_opening: bool
     rng: np.random.Generator
-    truth: Truth | None = None
+    truth: TrueShapes | None = None
 
     def openings(self, widths: Float[np.ndarray, "g"]) -> Float[np.ndarray, "g"]:
         """Openings [m] with which the hand would approach objects of these widths [m]."""
@@ -130,15 +122,12 @@ def observe(
     Raises:
         InputError: unknown view or noise.
     """
-    if view not in VIEWS:
-        raise InputError(f"view must be one of {', '.join(get_args(ViewName))}, got {view!r}")
-    if noise not in SENSORS:
-        raise InputError(f"noise must be one of {', '.join(get_args(NoiseName))}, got {noise!r}")
-    pose = draw_camera(view, rng)
+    pose = draw_camera(check_choice("view", view, tuple(VIEWS)), rng)
+    sensor = SENSORS[check_choice("noise", noise, tuple(SENSORS))]
     image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
-    image = corrupt_depth(image, DEFAULT_INTRINSICS, SENSORS[noise], rng)
+    image = corrupt_depth(image, DEFAULT_INTRINSICS, sensor, rng)
     depth = np.asarray(image.depth, np.float64)
-    points, _ = corrupt_points(points_above_table(depth, DEFAULT_INTRINSICS, pose), SENSORS[noise], rng)
+    points, _ = corrupt_points(points_above_table(depth, DEFAULT_INTRINSICS, pose), sensor, rng)
     cloud = PointCloud(without_lonely_points(points), pose[:3, 3], "world")
     return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng)
 

@@ -1,6 +1,6 @@
 """Scenes and pictures for the numbers of the network: those with which the rounds of the clutter benchmark begin."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.predictor import Predictor
 
 Measured = TypeVar("Measured")
+ItemT = TypeVar("ItemT")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,12 @@ class Picture:
         return predictor.predict_cloud(cloud.points, cloud.viewpoint, self.observation.table_height)
 
 
+def progress_bar(items: Sequence[ItemT], what: str) -> Iterable[ItemT]:
+    """The items, with a bar on standard error, if that is a terminal, that shows how many have been taken."""
+    console = Console(stderr=True)
+    return track(items, what, console=console, transient=True, disable=not console.is_terminal)
+
+
 def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripper: Gripper) -> Picture:
     """The picture of this number; scene and camera depend on the seed and the number only.
 
@@ -54,26 +61,15 @@ def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripp
     return Picture(index, TrueShapes(scene, object_set), observation)
 
 
-def take_pictures(config: PictureConfig, object_set: ObjectSet, gripper: Gripper) -> Iterator[Picture]:
-    """The pictures of all scenes, one after the other.
-
-    Raises:
-        InputError: the object set has nothing for this kind and split.
-    """
-    for index in range(config.scenes):
-        yield take_picture(config, index, object_set, gripper)
-
-
-def load_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
-    """The pictures, taken one after the other, with a bar on standard error that shows how many have been.
+def take_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
+    """All pictures, one after the other.
 
     Raises:
         IcgnetError: unusable objects, or a set that has nothing for this kind and split.
     """
-    console = Console(stderr=True)
-    pictures = take_pictures(config, load_object_set(config.objects), gripper)
-    shown = track(pictures, "scenes", config.scenes, console=console, transient=True, disable=not console.is_terminal)
-    return iter(shown)
+    object_set = load_object_set(config.objects)
+    for index in progress_bar(range(config.scenes), "scenes"):
+        yield take_picture(config, index, object_set, gripper)
 
 
 def score_pictures(
@@ -89,7 +85,7 @@ def score_pictures(
     Raises:
         IcgnetError: unusable objects, or no scene that could be measured.
     """
-    results = (score(each, each.predict(predictor)) for each in load_pictures(config, predictor.gripper))
+    results = (score(each, each.predict(predictor)) for each in take_pictures(config, predictor.gripper))
     measured = [result for result in results if result is not None]
     if not measured:
         raise InputError(f"none of {config.scenes} scenes has an object that can be seen: ask for more scenes")

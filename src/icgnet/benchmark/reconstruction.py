@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.pictures import Picture, score_pictures
 from icgnet.benchmark.segmentation import label_overlaps, visible_objects
-from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spreads
+from icgnet.benchmark.statistics import Metric, Spread, mean, spreads, table
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.inference.prediction import Prediction
@@ -26,8 +26,6 @@ SAMPLES = 100_000
 INSTANCE_SAMPLES = 20_000
 ROOM = 0.02
 """The box in which occupancies are compared is wider than the true shapes by this on each side [m]."""
-INNER = 0.0015
-"""Points of the true meshes that are deeper inside than this are no outer surface [m]; one node of the distances."""
 CELL = 0.01  # surface points are ordered by cells of this [m]
 F_NEAR, F_FAR = 0.003, 0.010  # F-scores count what is within 1 % of the workspace's 0.3 m, and within 1 cm [m]
 
@@ -63,7 +61,6 @@ class SceneScores:
         visible: of these, those with points in the cloud.
         predicted: objects that the network found.
         scene: everything predicted against everything true.
-        outer: the same, with only the outer surface of the true shapes.
         instances: the visible objects that an instance was matched to.
     """
 
@@ -72,7 +69,6 @@ class SceneScores:
     visible: int
     predicted: int
     scene: ShapeScores
-    outer: ShapeScores
     instances: tuple[ShapeScores, ...]
 
 
@@ -82,7 +78,6 @@ class ReconstructionNumbers:
 
     Attributes:
         scene: each of `SHAPE_METRICS`, mean over the scenes; distances over those with a predicted surface.
-        outer: the same against the outer true surface only.
         per_instance: each of `INSTANCE_METRICS`.
         scenes: with at least one object.
         without_shape: of these, scenes in which no surface was predicted.
@@ -92,7 +87,6 @@ class ReconstructionNumbers:
     """
 
     scene: dict[str, Spread | None]
-    outer: dict[str, Spread | None]
     per_instance: dict[str, Spread | None]
     scenes: int
     without_shape: int
@@ -113,18 +107,13 @@ def measure(config: PictureConfig) -> ReconstructionNumbers:
 
 def tables(numbers: ReconstructionNumbers) -> list[Table]:
     """What is printed."""
-    rows = []
-    for name, metric in INSTANCE_METRICS.items():
-        scene = cells(numbers.scene[name], metric.digits) if name in SHAPE_METRICS else ("", "")
-        rows.append((metric.label, *scene, *cells(numbers.per_instance[name], metric.digits)))
-    distance, share = cells(numbers.outer["chamfer_l1_mm"], 2)[0], cells(numbers.outer["f_score_3mm"])[0]
     notes = (
-        f"3 mm is 1 % of the workspace. Against the outer true surface only: Chamfer-L1 {distance} mm, "
-        f"F-score at 3 mm {share} %.",
+        "3 mm is 1 % of the workspace.",
         f"{numbers.matched} of {numbers.visible} visible objects found; "
         f"{numbers.without_shape} of {numbers.scenes} scenes without any predicted shape.",
     )
-    return [Table(("± std over scenes", "scene", "95 %", "object found", "95 %"), rows, notes=notes)]
+    headers = ("± std [95 %]", "scene", "object found")
+    return [table(headers, INSTANCE_METRICS, numbers.scene, numbers.per_instance, notes=notes)]
 
 
 def score_picture(picture: Picture, prediction: Prediction | None) -> SceneScores | None:
@@ -142,15 +131,15 @@ def score_scene(index: int, truth: TrueShapes, prediction: Prediction | None) ->
     """
     rng = np.random.default_rng(np.random.SeedSequence(index))
     shapes = [] if prediction is None else [item.mesh() for item in prediction.objects]
-    scene, outer = compare_shapes(shapes, truth, range(len(truth)), SAMPLES, rng)
+    scene = compare_shapes(shapes, truth, range(len(truth)), SAMPLES, rng)
     if prediction is None:
-        return SceneScores(index, len(truth), 0, 0, scene, outer, ())
+        return SceneScores(index, len(truth), 0, 0, scene, ())
     owners = truth.owners(prediction.cloud.points)
     visible = visible_objects(owners, len(truth))
     overlaps = label_overlaps(prediction.cloud_instances, len(shapes), owners, len(truth))
     pairs = [(p, i) for p, i in match(overlaps) if visible[i]]
-    instances = tuple(compare_shapes([shapes[p]], truth, [i], INSTANCE_SAMPLES, rng)[0] for p, i in pairs)
-    return SceneScores(index, len(truth), int(visible.sum()), len(shapes), scene, outer, instances)
+    instances = tuple(compare_shapes([shapes[p]], truth, [i], INSTANCE_SAMPLES, rng) for p, i in pairs)
+    return SceneScores(index, len(truth), int(visible.sum()), len(shapes), scene, instances)
 
 
 def match(overlaps: Float[np.ndarray, "p i"]) -> list[tuple[int, int]]:
@@ -165,8 +154,8 @@ def compare_shapes(
     objects: Sequence[int],
     samples: int,
     rng: np.random.Generator,
-) -> tuple[ShapeScores, ShapeScores]:
-    """The union of predicted meshes against the union of some true objects: all of their surface, and the outer one.
+) -> ShapeScores:
+    """The union of predicted meshes against the union of some true objects.
 
     Args:
         predicted: closed meshes in the world frame [m]; empty ones count as not predicted.
@@ -179,14 +168,17 @@ def compare_shapes(
     true_meshes = [truth.meshes[index] for index in objects]
     overlap = _volume_iou(meshes, truth, objects, samples, rng)
     if not meshes:
-        return ShapeScores(overlap), ShapeScores(overlap)
+        return ShapeScores(overlap)
     ours, theirs = _surface_points(meshes, samples, rng), _surface_points(true_meshes, samples, rng)
     accuracy, completeness = _nearest(ours, theirs), _nearest(theirs, ours)
-    is_outer = _depth(truth, objects, theirs) > -INNER
-    every = _surface_scores(overlap, accuracy, completeness)
-    if is_outer.all():
-        return every, every
-    return every, _surface_scores(overlap, _nearest(ours, theirs[is_outer]), completeness[is_outer])
+    return ShapeScores(
+        iou=overlap,
+        chamfer_l1_mm=500.0 * float(accuracy.mean() + completeness.mean()),
+        accuracy_mm=1e3 * float(accuracy.mean()),
+        completeness_mm=1e3 * float(completeness.mean()),
+        f_score_3mm=_f_score(accuracy, completeness, F_NEAR),
+        f_score_10mm=_f_score(accuracy, completeness, F_FAR),
+    )
 
 
 def _volume_iou(
@@ -199,7 +191,8 @@ def _volume_iou(
     """IoU [percent] by points in the box around the true objects."""
     bounds = np.array([truth.meshes[index].bounds for index in objects])
     points = rng.uniform(bounds[:, 0].min(axis=0) - ROOM, bounds[:, 1].max(axis=0) + ROOM, (samples, 3))
-    ours, theirs = inside_any(meshes, points), _depth(truth, objects, points) < 0
+    depth = np.min([truth.distance(index, points) for index in objects], axis=0)
+    ours, theirs = inside_any(meshes, points), depth < 0
     return 100.0 * float((ours & theirs).sum() / max((ours | theirs).sum(), 1))
 
 
@@ -212,11 +205,6 @@ def inside_any(meshes: Sequence[trimesh.Trimesh], points: Float[np.ndarray, "n 3
         if len(near):
             inside[near] = mesh.contains(points[near])
     return inside
-
-
-def _depth(truth: TrueShapes, objects: Sequence[int], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Signed distance to the nearest of some true objects [m], negative inside."""
-    return np.min([truth.distance(index, points) for index in objects], axis=0)
 
 
 def _surface_points(
@@ -234,19 +222,6 @@ def _nearest(points: Float[np.ndarray, "n 3"], others: Float[np.ndarray, "m 3"])
     return KDTree(others, balanced_tree=False, compact_nodes=False).query(points)[0]
 
 
-def _surface_scores(
-    overlap: float, accuracy: Float[np.ndarray, "n"], completeness: Float[np.ndarray, "m"]
-) -> ShapeScores:
-    return ShapeScores(
-        iou=overlap,
-        chamfer_l1_mm=500.0 * float(accuracy.mean() + completeness.mean()),
-        accuracy_mm=1e3 * float(accuracy.mean()),
-        completeness_mm=1e3 * float(completeness.mean()),
-        f_score_3mm=_f_score(accuracy, completeness, F_NEAR),
-        f_score_10mm=_f_score(accuracy, completeness, F_FAR),
-    )
-
-
 def _f_score(accuracy: Float[np.ndarray, "n"], completeness: Float[np.ndarray, "m"], limit: float) -> float:
     """Harmonic mean of the shares of distances below a limit [percent]."""
     precision, recall = float((accuracy < limit).mean()), float((completeness < limit).mean())
@@ -256,8 +231,7 @@ def _f_score(accuracy: Float[np.ndarray, "n"], completeness: Float[np.ndarray, "
 def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
     """The numbers of at least one scene."""
     return ReconstructionNumbers(
-        scene=spreads(_shape_metrics(lambda each: (each.scene,)), scenes),
-        outer=spreads(_shape_metrics(lambda each: (each.outer,)), scenes),
+        scene=spreads(SHAPE_METRICS, scenes),
         per_instance=spreads(INSTANCE_METRICS, scenes),
         scenes=len(scenes),
         without_shape=sum(each.scene.chamfer_l1_mm is None for each in scenes),
@@ -267,13 +241,24 @@ def summarise(scenes: Sequence[SceneScores]) -> ReconstructionNumbers:
     )
 
 
-def _shape_metrics(shapes: Callable[[SceneScores], Sequence[ShapeScores]]) -> dict[str, Metric[SceneScores]]:
-    """The mean of every score over some shapes of the scenes."""
+def _shape_metrics(
+    shapes: Callable[[SceneScores], Sequence[ShapeScores]],
+) -> dict[str, Metric[Sequence[SceneScores]]]:
+    """The mean of every field of `ShapeScores` over some shapes of the scenes."""
 
-    def mean(name: str) -> Callable[[Sequence[SceneScores]], float | None]:
-        return lambda scenes: mean_or_none([getattr(shape, name) for each in scenes for shape in shapes(each)])
+    def metric(label: str, name: str, form: str) -> Metric[Sequence[SceneScores]]:
+        return Metric(
+            label, lambda scenes: mean(getattr(shape, name) for each in scenes for shape in shapes(each)), form
+        )
 
-    return {name: Metric(label, mean(name), digits) for name, (label, digits) in SHAPE_METRICS.items()}
+    return {
+        "iou": metric("IoU, %", "iou", ".1f"),
+        "chamfer_l1_mm": metric("Chamfer-L1, mm", "chamfer_l1_mm", ".2f"),
+        "accuracy_mm": metric("  accuracy", "accuracy_mm", ".2f"),
+        "completeness_mm": metric("  completeness", "completeness_mm", ".2f"),
+        "f_score_3mm": metric("F-score 3 mm, %", "f_score_3mm", ".1f"),
+        "f_score_10mm": metric("F-score 10 mm, %", "f_score_10mm", ".1f"),
+    }
 
 
 def _of_visible(total: float, scenes: Sequence[SceneScores]) -> float | None:
@@ -282,21 +267,17 @@ def _of_visible(total: float, scenes: Sequence[SceneScores]) -> float | None:
     return total / visible if visible else None
 
 
-SHAPE_METRICS = {
-    "iou": ("IoU, %", 1),
-    "chamfer_l1_mm": ("Chamfer-L1, mm", 2),
-    "accuracy_mm": ("  accuracy", 2),
-    "completeness_mm": ("  completeness", 2),
-    "f_score_3mm": ("F-score 3 mm, %", 1),
-    "f_score_10mm": ("F-score 10 mm, %", 1),
-}
-"""Label and digits of every field of `ShapeScores`."""
-INSTANCE_METRICS: dict[str, Metric[SceneScores]] = {
+def _found(scenes: Sequence[SceneScores]) -> list[ShapeScores]:
+    return [shape for each in scenes for shape in each.instances]
+
+
+SHAPE_METRICS = _shape_metrics(lambda each: (each.scene,))
+"""Of whole scenes."""
+INSTANCE_METRICS: dict[str, Metric[Sequence[SceneScores]]] = {
     **_shape_metrics(lambda each: each.instances),
     "iou_of_visible": Metric(
-        "IoU, missed = 0, %",
-        lambda scenes: _of_visible(sum((shape.iou for each in scenes for shape in each.instances), 0.0), scenes),
+        "IoU, missed = 0, %", lambda some: _of_visible(sum((shape.iou for shape in _found(some)), 0.0), some), ".1f"
     ),
-    "found": Metric("found, %", lambda scenes: _of_visible(100.0 * sum(len(s.instances) for s in scenes), scenes)),
+    "found": Metric("found, %", lambda some: _of_visible(100.0 * len(_found(some)), some), ".1f"),
 }
 """Of the matched objects; the last two are of all visible ones."""

@@ -1,13 +1,15 @@
 """Where a number comes from: code, hardware and settings, written beside it."""
 
+import json
 import os
 import platform
 import subprocess
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from icgnet.errors import DataError
 from icgnet.files import write_json
 from icgnet.grasping.gripper import load_gripper
 from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
@@ -15,51 +17,43 @@ from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
 REPORT_FILE = "report.json"
 
 
-@dataclass(frozen=True)
-class Origin:
-    """What a measurement was made with.
-
-    Attributes:
-        version: of this package.
-        commit: of its source, if it runs from a repository; "-dirty" is added when files had changed.
-        processor: model of the CPU.
-        cores: logical cores of the machine.
-        python: version.
-    """
-
-    version: str
-    commit: str | None
-    processor: str
-    cores: int
-    python: str
-
-
-def origin() -> Origin:
-    """The code and the machine that run now."""
+def origin() -> dict[str, Any]:
+    """The version of this package, the commit of its source, and the machine that runs it."""
     try:
         package = version("icgnet")
     except PackageNotFoundError:
         package = "unknown"
-    return Origin(package, source_commit(), _processor(), os.cpu_count() or 1, platform.python_version())
+    machine = {"processor": processor(), "cores": os.cpu_count() or 1, "python": platform.python_version()}
+    return {"version": package, "commit": source_commit(), **machine}
 
 
-def write_report(out: Path | None, kind: str, config: Any, numbers: Any, **more: object) -> None:
+def write_report(out: Path | None, kind: str, config: Any, numbers: Any) -> None:
     """Writes numbers, what decided them and what they were made with into a folder, if one is given.
 
     Args:
         out: the folder.
         kind: what was measured.
         config: the dataclass that decided the numbers.
-        numbers: a dataclass; one whose report has other entries than its fields has a method `report`.
-        more: entries of the report.
+        numbers: a dataclass.
 
     Raises:
         DataError: the system cannot write, or weights or gripper cannot be read.
     """
     if out is not None:
-        values = numbers.report() if hasattr(numbers, "report") else asdict(numbers)
-        report = {"benchmark": kind, **values, **more, "settings": settings(config)}
-        write_json(out / REPORT_FILE, {**report, "origin": asdict(origin())})
+        report = {"benchmark": kind, **asdict(numbers), "settings": settings(config)}
+        write_json(out / REPORT_FILE, {**report, "origin": origin()})
+
+
+def read_json(path: Path) -> Any:
+    """What a file of a benchmark holds.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError, RecursionError) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
 
 
 def settings(config: Any) -> dict[str, Any]:
@@ -105,7 +99,8 @@ def _git(folder: Path, *command: str) -> str:
     ).stdout.strip()
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Model of the CPU."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

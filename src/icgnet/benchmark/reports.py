@@ -1,14 +1,14 @@
 """The reports that earlier benchmarks wrote, read back."""
 
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from icgnet.benchmark.record import REPORT_FILE
+from icgnet.benchmark.record import REPORT_FILE, read_json
+from icgnet.benchmark.statistics import Quantiles, Spread
 from icgnet.errors import DataError, InputError
 
 KINDS = (
@@ -23,6 +23,7 @@ KINDS = (
     "training-speed",
 )
 """What a report can be of."""
+NumbersT = TypeVar("NumbersT", Spread, Quantiles)
 
 
 def _is_number(value: Any) -> bool:
@@ -71,20 +72,24 @@ class StoredReport:
 
     def text(self, *keys: str) -> str:
         """A text."""
-        return self._checked("a text", self.value(*keys), keys)
-
-    def number(self, *keys: str) -> float:
-        """A number; nan for one that is not defined."""
-        value = self._checked("a number", self.value(*keys), keys)
-        return math.nan if value is None else float(value)
+        return self._checked("a text", *keys)
 
     def count(self, *keys: str) -> int:
         """A whole number."""
-        return int(self._checked("a whole number", self.value(*keys), keys))
+        return int(self._checked("a whole number", *keys))
 
     def mapping(self, *keys: str) -> Mapping[str, Any]:
         """Names and their values."""
-        return self._checked("names with values", self.value(*keys), keys)
+        return self._checked("names with values", *keys)
+
+    def spread(self, *keys: str) -> Spread | None:
+        """A number and how it varies, over runs if there are several; None if it is not defined."""
+        found = self._numbers(Spread, *keys)
+        return replace(found, std=None) if found is not None and self.settings.get("runs") == 1 else found
+
+    def quantiles(self, *keys: str) -> Quantiles | None:
+        """The quantiles of many values; None if they are not defined."""
+        return self._numbers(Quantiles, *keys)
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -95,13 +100,23 @@ class StoredReport:
     def commits(self) -> tuple[str | None, ...]:
         """The sources that the numbers were made with, at least one; None stands for one that is not known."""
         # A benchmark that cannot be interrupted and resumed has no list of them.
-        commits = self.values["commits"] if "commits" in self.values else [self.value("origin", "commit")]
-        return tuple(self._checked("names of at least one commit", commits, ("commits",)))
+        if "commits" in self.values:
+            return tuple(self._checked("names of at least one commit", "commits"))
+        return (self.value("origin", "commit"),)
 
-    def _checked(self, wanted: str, value: Any, keys: Sequence[str]) -> Any:
+    def _checked(self, wanted: str, *keys: str) -> Any:
+        value = self.value(*keys)
         if not _CHECKS[wanted](value):
             raise DataError(f"{self.path}: {'.'.join(keys)} must be {wanted}, got {value!r}")
         return value
+
+    def _numbers(self, kind: type[NumbersT], *keys: str) -> NumbersT | None:
+        """A dataclass of numbers, nan for one that is not defined; None if none of them is."""
+        if self.value(*keys) is None:
+            return None
+        found = {field.name: self._checked("a number", *keys, field.name) for field in fields(kind)}
+        numbers = {name: math.nan if number is None else float(number) for name, number in found.items()}
+        return None if all(map(math.isnan, numbers.values())) else kind(**numbers)
 
 
 def find_reports(folders: Sequence[Path]) -> list[StoredReport]:
@@ -128,10 +143,7 @@ def find_reports(folders: Sequence[Path]) -> list[StoredReport]:
 
 
 def _read(path: Path, name: str) -> StoredReport:
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError, RecursionError) as error:
-        raise DataError(f"{path}: cannot be read: {error}") from error
+    values = read_json(path)
     kind = values.get("benchmark") if isinstance(values, dict) else None
     if kind not in KINDS:
         said = "does not say what it is of" if kind is None else f"is of an unknown kind {kind!r}"

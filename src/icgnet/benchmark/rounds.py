@@ -10,8 +10,10 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from icgnet.benchmark.config import ClutterConfig, SceneConfig
-from icgnet.benchmark.observation import Observation, Truth, observe
+from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
+from icgnet.benchmark.planners.registry import load_planner
+from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import Scene
@@ -86,26 +88,64 @@ class Round:
         run: number of the run.
         round: number of the round in the run.
         placed: objects at the start.
-        skips: pictures in which the planner found nothing.
         left: objects on the table at the end.
-        lost: objects that were pushed out of the workspace.
         attempts: the grasps, in their order.
-        skipped: these pictures.
+        skipped: pictures in which the planner found nothing.
+        commit: the source that played it; None if no commit is known to hold it.
     """
 
     run: int
     round: int
     placed: int
-    skips: int
     left: int
-    lost: int
     attempts: list[Attempt]
     skipped: list[Shot]
+    commit: str | None = None
 
     @property
     def successes(self) -> int:
         """Attempts that succeeded."""
         return sum(attempt.success for attempt in self.attempts)
+
+
+@dataclass(frozen=True)
+class ClutterJob:
+    """Everything that a worker must know to play any round; the planner is made in the worker."""
+
+    config: ClutterConfig
+    object_set: ObjectSet
+    gripper: Gripper
+    commit: str | None = None
+
+    def make(self, number: int) -> Round:
+        """The round of this number; those of all runs are counted through."""
+        return play_round(self, *divmod(number, self.config.rounds), planner_of(self.config))
+
+    def name(self, number: int) -> str:
+        """How messages call a round."""
+        run, index = divmod(number, self.config.rounds)
+        return f"round {index} of run {run} (seed {self.config.seed})"
+
+    def look(self, run: int, index: int, number: int, scene: Scene, with_truth: bool) -> Observation:
+        """The picture of this number in a round, of what is on the table now."""
+        config = self.config
+        camera, draws = (random_stream(config, run, index, purpose, number) for purpose in (CAMERA, PLANNER))
+        seen = observe(scene, self.object_set, config.view, config.noise, self.gripper, config.full_opening, camera)
+        return replace(seen, rng=draws, truth=TrueShapes(scene, self.object_set) if with_truth else None)
+
+
+_planners: dict[ClutterConfig, Planner] = {}
+
+
+def planner_of(config: ClutterConfig, anew: bool = False) -> Planner:
+    """The planner of a benchmark, which a process keeps, so that weights are read once and not for every round.
+
+    Raises:
+        IcgnetError: no such planner, or one that cannot be made.
+    """
+    if anew or config not in _planners:
+        _planners[config] = load_planner(config)
+    return _planners[config]
 
 
 def random_stream(config: SceneConfig, run: int, index: int, *purpose: int) -> np.random.Generator:
@@ -119,25 +159,30 @@ def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet
     return spawn_scene(config.scene, object_set, config.split, rng, OBJECTS)
 
 
-def play_round(
-    config: ClutterConfig, run: int, index: int, planner: Planner, object_set: ObjectSet, gripper: Gripper
-) -> Round:
+def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round:
     """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures."""
-    scene = round_scene(config, run, index, object_set)
-    cell = Workcell(scene, object_set, gripper)
+    scene = round_scene(job.config, run, index, job.object_set)
+    cell = Workcell(scene, job.object_set, job.gripper)
 
     def take(number: int) -> Shot:
         now = cell.scene()
-        observation = look(config, run, index, number, now, object_set, gripper, planner.needs_truth)
+        observation = job.look(run, index, number, now, planner.needs_truth)
         start = time.perf_counter()
         plan = planner.plan(observation)
         seconds = time.perf_counter() - start
-        shot = _shot(run, index, number, now, observation)
-        return carry_out(config, cell, shot, plan, scene, object_set, gripper, seconds) if len(plan) else shot
+        shot = Shot(
+            run=run,
+            round=index,
+            attempt=number,
+            scene=[placed.name for placed in now.objects],
+            scales=[placed.scale for placed in now.objects],
+            object_poses=[placed.T_world_object.tolist() for placed in now.objects],
+            camera=observation.T_world_camera.tolist(),
+        )
+        return carry_out(job, cell, shot, plan, scene, seconds) if len(plan) else shot
 
     attempts, skipped = until_over(take, lambda: len(cell.remaining))
-    lost = sum(len(each.lost) for each in attempts)
-    return Round(run, index, len(scene.objects), len(skipped), len(cell.remaining), lost, attempts, skipped)
+    return Round(run, index, len(scene.objects), len(cell.remaining), attempts, skipped, job.commit)
 
 
 def until_over(take: Callable[[int], Shot], remaining: Callable[[], int]) -> tuple[list[Attempt], list[Shot]]:
@@ -160,19 +205,10 @@ def until_over(take: Callable[[int], Shot], remaining: Callable[[], int]) -> tup
     return attempts, skipped
 
 
-def carry_out(
-    config: ClutterConfig,
-    cell: Workcell,
-    shot: Shot,
-    plan: Plan,
-    scene: Scene,
-    object_set: ObjectSet,
-    gripper: Gripper,
-    plan_seconds: float,
-) -> Attempt:
+def carry_out(job: ClutterJob, cell: Workcell, shot: Shot, plan: Plan, scene: Scene, plan_seconds: float) -> Attempt:
     """Executes the first grasp of a plan in a workcell that began with a scene."""
-    opening = gripper.max_opening if config.full_opening else float(plan.openings[0])
-    execution = cell.execute(plan.poses[0], opening, PROTOCOLS[config.protocol])
+    opening = job.gripper.max_opening if job.config.full_opening else float(plan.openings[0])
+    execution = cell.execute(plan.poses[0], opening, PROTOCOLS[job.config.protocol])
     names = {i: placed.name for i, placed in enumerate(scene.objects)} | {TABLE: "table"}
     return Attempt(
         **asdict(shot),
@@ -182,37 +218,9 @@ def carry_out(
         success=execution.success,
         cause=execution.cause.value,
         target=names[execution.target],
-        target_class=object_set.class_name(names[execution.target]),
+        target_class=job.object_set.class_name(names[execution.target]),
         held=[names[i] for i in execution.held],
         touched=[names[i] for i in execution.touched if i != execution.target],
         lost=[names[i] for i in execution.lost],
         plan_seconds=plan_seconds,
     )
-
-
-def _shot(run: int, index: int, number: int, scene: Scene, observation: Observation) -> Shot:
-    return Shot(
-        run=run,
-        round=index,
-        attempt=number,
-        scene=[placed.name for placed in scene.objects],
-        scales=[placed.scale for placed in scene.objects],
-        object_poses=[placed.T_world_object.tolist() for placed in scene.objects],
-        camera=observation.T_world_camera.tolist(),
-    )
-
-
-def look(
-    config: ClutterConfig,
-    run: int,
-    index: int,
-    number: int,
-    scene: Scene,
-    object_set: ObjectSet,
-    gripper: Gripper,
-    with_truth: bool,
-) -> Observation:
-    """The picture of this number in a round, of what is on the table now."""
-    camera, draws = (random_stream(config, run, index, purpose, number) for purpose in (CAMERA, PLANNER))
-    observation = observe(scene, object_set, config.view, config.noise, gripper, config.full_opening, camera)
-    return replace(observation, rng=draws, truth=Truth(scene, object_set) if with_truth else None)

@@ -6,8 +6,7 @@ none (noise) are left out, and so are objects that hardly any point was measured
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -15,9 +14,9 @@ from jaxtyping import Bool, Float, Int
 
 from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.pictures import Picture, score_pictures
-from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spreads
+from icgnet.benchmark.statistics import Metric, Spread, mean, spreads, table
 from icgnet.benchmark.tables import Table
-from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
+from icgnet.benchmark.true_shapes import NO_OBJECT, NamedObject
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.classes import CLASSES
 from icgnet.predictor import Predictor
@@ -27,11 +26,12 @@ FEWEST_POINTS = 30
 """Objects with fewer points in the cloud are not asked for: about 1 cm² of surface."""
 SAME = 0.5
 """A predicted and a true object are the same when their points overlap by more than this (IoU)."""
+MISSED, INVENTED = "missed", "invented"
 
 
 @dataclass(frozen=True, eq=False)
 class Labelling:
-    """An answer about the points of a cloud.
+    """The objects that a network found in a cloud.
 
     Attributes:
         labels: index of the object of every point, -1 for none.
@@ -45,56 +45,30 @@ class Labelling:
 
 
 @dataclass(frozen=True)
-class NamedObject:
-    """An object that really stands there.
+class Pair:
+    """A true object and the predicted one that is the same: their overlap (IoU), and the class that was told.
 
-    Attributes:
-        name: key in its set.
-        class_name: its class.
-        alternative: the class that it could have had as well, by those who labelled it; None where it is clear.
+    A true object that was missed has no predicted class, and an object that was invented is no true one.
     """
 
-    name: str
-    class_name: str
-    alternative: str | None = None
+    true: NamedObject | None
+    predicted_class: str | None
+    iou: float = 0.0
 
-
-@dataclass(frozen=True, eq=False)
-class PointOwners:
-    """What the points of a cloud really lie on.
-
-    Attributes:
-        labels: index of the object of every point, `NO_OBJECT` where none is near.
-        objects: that stand there.
-    """
-
-    labels: Int[np.ndarray, "n"]
-    objects: tuple[NamedObject, ...]
-
-    @classmethod
-    def of(cls, shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "PointOwners":
-        """The truth about points of a scene, world frame [m]."""
-        objects = map(NamedObject, shapes.names, shapes.classes, shapes.class_alternatives)
-        return cls(shapes.owners(points), tuple(objects))
-
-
-@dataclass(frozen=True)
-class Match:
-    """A true object and the predicted one that is the same."""
-
-    true: NamedObject
-    predicted_class: str
-    iou: float
+    @property
+    def is_match(self) -> bool:
+        """Whether there are both."""
+        return self.true is not None and self.predicted_class is not None
 
     @property
     def right(self) -> bool:
         """Whether the predicted class is the true one."""
-        return self.predicted_class == self.true.class_name
+        return self.true is not None and self.predicted_class == self.true.class_name
 
     @property
     def defensible(self) -> bool:
         """Whether the predicted class is the true one, or the one that the object could have had as well."""
-        return self.right or self.predicted_class == self.true.alternative
+        return self.right or (self.true is not None and self.predicted_class == self.true.alternative)
 
 
 @dataclass(frozen=True)
@@ -105,17 +79,13 @@ class SceneMasks:
         index: number of the scene.
         best_ious: the largest overlap of each true object with any predicted one.
         detections: score and overlap of each predicted object, 0 if its object is taken.
-        matches: the pairs of objects that are the same.
-        missed: the other true objects.
-        invented: classes of the other predicted objects.
+        pairs: every true and every predicted object once.
     """
 
     index: int
     best_ious: tuple[float, ...]
     detections: tuple[tuple[float, float], ...]
-    matches: tuple[Match, ...]
-    missed: tuple[NamedObject, ...]
-    invented: tuple[str, ...]
+    pairs: tuple[Pair, ...]
 
 
 @dataclass(frozen=True)
@@ -140,11 +110,6 @@ class SegmentationNumbers:
     predicted: int
     rows: tuple[SceneMasks, ...]
 
-    def report(self) -> dict[str, Any]:
-        """The entries of the report, in which the scores lie beside the others."""
-        values = asdict(self)
-        return {**values.pop("scores"), **values}
-
 
 def measure(config: PictureConfig) -> SegmentationNumbers:
     """The instances that a network finds in the pictures of a configuration.
@@ -160,7 +125,6 @@ def measure(config: PictureConfig) -> SegmentationNumbers:
 
 def tables(numbers: SegmentationNumbers) -> list[Table]:
     """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty rows."""
-    scores = [(metric.label, *cells(numbers.scores[name])) for name, metric in METRICS.items()]
     columns = tuple(next(iter(numbers.confusion.values())))
     counts = [
         (name, *(str(row[column] or "") for column in columns))
@@ -169,7 +133,7 @@ def tables(numbers: SegmentationNumbers) -> list[Table]:
     ]
     note = f"{numbers.objects} visible objects in {numbers.scenes} scenes; {numbers.predicted} predicted"
     return [
-        Table(("percent ± std over scenes", "all scenes", "95 %"), scores),
+        table(("percent ± std over scenes", "all scenes [95 %]"), METRICS, numbers.scores),
         Table(("true \\ predicted", *columns), counts, title="classes: number of objects", notes=(note,)),
     ]
 
@@ -195,10 +159,10 @@ def score_picture(picture: Picture, prediction: Prediction | None) -> SceneMasks
     """The instances of one picture; None without any visible object."""
     if prediction is None:
         return None
-    truth = PointOwners.of(picture.truth, prediction.cloud.points)
-    if not visible_objects(truth.labels, len(picture.truth)).any():
+    owners = picture.truth.owners(prediction.cloud.points)
+    if not visible_objects(owners, len(picture.truth)).any():
         return None
-    return compare_masks(picture.index, labelling(prediction), truth)
+    return compare_masks(picture.index, labelling(prediction), owners, picture.truth.objects)
 
 
 def labelling(prediction: Prediction) -> Labelling:
@@ -210,8 +174,10 @@ def labelling(prediction: Prediction) -> Labelling:
     )
 
 
-def compare_masks(index: int, predicted: Labelling, truth: PointOwners) -> SceneMasks:
-    """Compares the objects of one scene.
+def compare_masks(
+    index: int, predicted: Labelling, owners: Int[np.ndarray, "n"], objects: Sequence[NamedObject]
+) -> SceneMasks:
+    """What a scene tells about the answer to it.
 
     Predicted objects that lie on points without a true object, or on those of objects that are not asked for, by more
     than a half are neither right nor wrong.
@@ -219,28 +185,22 @@ def compare_masks(index: int, predicted: Labelling, truth: PointOwners) -> Scene
     Args:
         index: number of the scene.
         predicted: by the network.
-        truth: about the same points.
+        owners: index of the true object of every point, `NO_OBJECT` where none is near.
+        objects: that stand there.
     """
-    asked = np.flatnonzero(visible_objects(truth.labels, len(truth.objects)))
-    owners = np.where(np.isin(truth.labels, asked), truth.labels, NO_OBJECT)
+    asked = np.flatnonzero(visible_objects(owners, len(objects)))
+    owners = np.where(np.isin(owners, asked), owners, NO_OBJECT)
     found = np.flatnonzero(_mostly_known(predicted, owners))
-    overlaps = label_overlaps(predicted.labels, len(predicted.classes), owners, len(truth.objects))[found][:, asked]
+    overlaps = label_overlaps(predicted.labels, len(predicted.classes), owners, len(objects))[found][:, asked]
     # More than half of both: no other pair can have one of the two.
-    pairs = np.argwhere(overlaps > SAME)
-    matches = tuple(
-        Match(truth.objects[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in pairs
-    )
+    same = np.argwhere(overlaps > SAME)
+    pairs = [Pair(objects[asked[i]], predicted.classes[found[p]], float(overlaps[p, i])) for p, i in same]
+    pairs += [Pair(objects[i], None) for i in np.delete(asked, same[:, 1]).tolist()]
+    pairs += [Pair(None, predicted.classes[p]) for p in np.delete(found, same[:, 0]).tolist()]
     tally = GraspTally()
     masks = torch.from_numpy((predicted.labels == found[:, None]) & (owners >= 0))
     count_masks(tally, (masks, torch.from_numpy(predicted.scores[found])), torch.from_numpy(owners == asked[:, None]))
-    return SceneMasks(
-        index,
-        tuple(tally.mask_ious),
-        tuple(tally.detections),
-        matches,
-        missed=tuple(truth.objects[k] for k in np.delete(asked, pairs[:, 1])),
-        invented=tuple(predicted.classes[k] for k in np.delete(found, pairs[:, 0])),
-    )
+    return SceneMasks(index, tuple(tally.mask_ious), tuple(tally.detections), tuple(pairs))
 
 
 def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np.ndarray, "p"]:
@@ -253,15 +213,31 @@ def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np
 
 def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
     """The numbers of at least one scene."""
+    by_object: dict[str, Counter[str]] = defaultdict(Counter)
+    columns: tuple[str, ...] = (*CLASSES, MISSED)
+    confusion = {row: dict.fromkeys(columns, 0) for row in (*CLASSES, INVENTED)}
+    for pair in _pairs(scenes):
+        told = pair.predicted_class or MISSED
+        confusion[pair.true.class_name if pair.true else INVENTED][told] += 1
+        if pair.true:
+            by_object[pair.true.name][told] += 1
     return SegmentationNumbers(
         scores=spreads(METRICS, scenes),
-        by_object=by_object(scenes),
-        confusion=confusion(scenes),
+        by_object={name: dict(by_object[name]) for name in sorted(by_object)},
+        confusion=confusion,
         scenes=len(scenes),
         objects=sum(len(each.best_ious) for each in scenes),
         predicted=sum(len(each.detections) for each in scenes),
         rows=tuple(scenes),
     )
+
+
+def _pairs(scenes: Sequence[SceneMasks]) -> list[Pair]:
+    return [pair for each in scenes for pair in each.pairs]
+
+
+def _matches(scenes: Sequence[SceneMasks]) -> list[Pair]:
+    return [pair for pair in _pairs(scenes) if pair.is_match]
 
 
 def _average_precision(scenes: Sequence[SceneMasks]) -> float:
@@ -271,23 +247,20 @@ def _average_precision(scenes: Sequence[SceneMasks]) -> float:
 
 def panoptic_quality(scenes: Sequence[SceneMasks]) -> tuple[float, float, float]:
     """Panoptic, segmentation and recognition quality, whatever the classes, each from 0 to 1."""
-    ious = [match.iou for match in _matches(scenes)]
-    return _qualities(ious, sum(len(each.missed) + len(each.invented) for each in scenes))
+    matches = _matches(scenes)
+    return _qualities([match.iou for match in matches], len(_pairs(scenes)) - len(matches))
 
 
 def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
     """Panoptic quality where a match needs the right class, mean over the classes that are true or predicted."""
-    matches = _matches(scenes)
-    wrong = [name for each in scenes for name in (*(true.class_name for true in each.missed), *each.invented)]
+    classes = [(pair.true and pair.true.class_name, pair.predicted_class, pair.iou) for pair in _pairs(scenes)]
     qualities = []
     for name in CLASSES:
-        ious = [match.iou for match in matches if match.right and match.predicted_class == name]
-        failures = wrong.count(name) + sum(
-            (match.true.class_name == name) != (match.predicted_class == name) for match in matches
-        )
+        ious = [iou for true, told, iou in classes if true == told == name]
+        failures = sum((true == name) != (told == name) for true, told, _ in classes)
         if ious or failures:
             qualities.append(_qualities(ious, failures)[0])
-    return mean_or_none(qualities)
+    return mean(qualities)
 
 
 def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, float]:
@@ -297,55 +270,25 @@ def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, floa
     return segmentation * recognition, segmentation, recognition
 
 
-def by_object(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
-    """How often each object, by its key, was told to be of a class, or missed."""
-    table: dict[str, Counter[str]] = defaultdict(Counter)
-    for each in scenes:
-        for match in each.matches:
-            table[match.true.name][match.predicted_class] += 1
-        for true in each.missed:
-            table[true.name]["missed"] += 1
-    return {name: dict(table[name]) for name in sorted(table)}
-
-
-def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
-    """Number of objects by true class and predicted class; of those without a partner, under missed and invented."""
-    table: dict[str, dict[str, int]] = {row: dict.fromkeys((*CLASSES, "missed"), 0) for row in (*CLASSES, "invented")}
-    for each in scenes:
-        for match in each.matches:
-            table[match.true.class_name][match.predicted_class] += 1
-        for true in each.missed:
-            table[true.class_name]["missed"] += 1
-        for name in each.invented:
-            table["invented"][name] += 1
-    return table
-
-
-def _metric(label: str, share: Callable[[Sequence[SceneMasks]], float | None]) -> Metric[SceneMasks]:
+def _percent(label: str, share: Callable[[Sequence[SceneMasks]], float | None]) -> Metric[Sequence[SceneMasks]]:
     """A share of 1, as a number in percent."""
-    return Metric(label, lambda scenes: None if (value := share(scenes)) is None else 100.0 * value)
-
-
-def _matches(scenes: Sequence[SceneMasks]) -> list[Match]:
-    return [match for each in scenes for match in each.matches]
+    return Metric(label, lambda scenes: None if (value := share(scenes)) is None else 100.0 * value, ".1f")
 
 
 METRICS = {
-    "instance_miou": _metric(
-        "instance mIoU", lambda scenes: mean_or_none([i for one in scenes for i in one.best_ious])
-    ),
-    "ap50": _metric("AP50, ranked by the object's score", _average_precision),
-    "pq": _metric("panoptic quality, any class", lambda scenes: panoptic_quality(scenes)[0]),
+    "instance_miou": _percent("instance mIoU", lambda scenes: mean(iou for each in scenes for iou in each.best_ious)),
+    "ap50": _percent("AP50, ranked by the object's score", _average_precision),
+    "pq": _percent("panoptic quality, any class", lambda scenes: panoptic_quality(scenes)[0]),
     # Not defined without any match.
-    "sq": _metric("  segmentation quality", lambda scenes: panoptic_quality(scenes)[1] or None),
-    "rq": _metric("  recognition quality", lambda scenes: panoptic_quality(scenes)[2]),
-    "class_pq": _metric("panoptic quality, right class", class_panoptic_quality),
-    "class_accuracy": _metric(
-        "class accuracy of the matches", lambda scenes: mean_or_none([float(m.right) for m in _matches(scenes)])
+    "sq": _percent("  segmentation quality", lambda scenes: panoptic_quality(scenes)[1] or None),
+    "rq": _percent("  recognition quality", lambda scenes: panoptic_quality(scenes)[2]),
+    "class_pq": _percent("panoptic quality, right class", class_panoptic_quality),
+    "class_accuracy": _percent(
+        "class accuracy of the matches", lambda scenes: mean(match.right for match in _matches(scenes))
     ),
-    "class_accuracy_alternative": _metric(
+    "class_accuracy_alternative": _percent(
         "  or the class that the labels name as alternative",
-        lambda scenes: mean_or_none([float(m.defensible) for m in _matches(scenes)]),
+        lambda scenes: mean(match.defensible for match in _matches(scenes)),
     ),
 }
 """What is measured; AP50 whatever the class, and a match of `class_pq` must have the right one."""

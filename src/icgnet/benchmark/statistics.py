@@ -1,59 +1,92 @@
-"""How sure a number is that was measured on a few scenes."""
+"""The shapes of every measured number: a spread over scenes or runs, quantiles of many values, and what finds them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from icgnet.benchmark.tables import NOTHING
+from icgnet.benchmark.tables import NOTHING, Table
 
 DRAWS = 1000
+DataT = TypeVar("DataT")
 SceneT = TypeVar("SceneT")
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A number measured on scenes.
+    """A number, and how it varies; with a format for its digits it is a text as in our tables.
 
     Attributes:
-        mean: the number, of all scenes.
-        std: population standard deviation over the scenes.
-        low: lower end of the 95 % interval (percentile bootstrap over the scenes).
+        mean: the number, of all scenes or runs.
+        std: population standard deviation over the scenes or runs; None where there is a single run.
+        low: lower end of the 95 % interval.
         high: upper end.
     """
 
     mean: float
-    std: float
+    std: float | None
     low: float
     high: float
 
+    def __format__(self, form: str) -> str:
+        deviation = "" if self.std is None else f" ± {self.std:{form}}"
+        return f"{self.mean:{form}}{deviation} [{self.low:{form}}, {self.high:{form}}]"
+
 
 @dataclass(frozen=True)
-class Metric(Generic[SceneT]):
-    """A number that a benchmark measures.
+class Quantiles:
+    """Of many values: their mean and median, and what one tenth of them is below and above; also a text.
+
+    The mean of what version 0.1 measured is not known, which nan stands for.
+    """
+
+    mean: float
+    median: float
+    p10: float
+    p90: float
+
+    @classmethod
+    def of(cls, values: Iterable[float]) -> "Quantiles":
+        """The quantiles of at least one value."""
+        found = np.array(list(values))
+        low, median, high = np.quantile(found, [0.1, 0.5, 0.9]).tolist()
+        return cls(float(found.mean()), median, low, high)
+
+    def __format__(self, form: str) -> str:
+        return f"{self.median:{form}} ({self.p10:{form}} to {self.p90:{form}})"
+
+
+@dataclass(frozen=True)
+class Metric(Generic[DataT]):
+    """A number that a benchmark or a study measures.
 
     Attributes:
         label: in tables, with the unit.
-        number: of any collection of scenes; None where it is not defined.
-        digits: behind the point, in tables.
+        of: finds it in what was observed, for a spread in any collection of scenes; None where it is not defined.
+        form: how it is written, as in `format`.
     """
 
     label: str
-    number: Callable[[Sequence[SceneT]], float | None]
-    digits: int = 1
+    of: Callable[[DataT], Any]
+    form: str = ".2f"
 
 
-def spreads(metrics: Mapping[str, Metric[SceneT]], scenes: Sequence[SceneT]) -> dict[str, Spread | None]:
-    """The spread of every metric over some scenes, by its name."""
-    return {name: spread(scenes, metric.number) for name, metric in metrics.items()}
+def evaluate(metrics: Mapping[str, Metric[DataT]], data: DataT) -> dict[str, Any]:
+    """Every number of what was observed, by its name."""
+    return {name: metric.of(data) for name, metric in metrics.items()}
+
+
+def spreads(metrics: Mapping[str, Metric[Sequence[SceneT]]], scenes: Sequence[SceneT]) -> dict[str, Spread | None]:
+    """The spread of every number over some scenes, by its name."""
+    return {name: spread(scenes, metric.of) for name, metric in metrics.items()}
 
 
 def spread(scenes: Sequence[SceneT], number: Callable[[Sequence[SceneT]], float | None]) -> Spread | None:
     """A number of some scenes, and how it would vary with other ones; None if they do not define it.
 
     Args:
-        scenes: what was measured on each.
+        scenes: what was measured on each; the interval is a percentile bootstrap over them.
         number: the number of any collection of scenes; None where it is not defined.
     """
     value = number(scenes)
@@ -66,14 +99,26 @@ def spread(scenes: Sequence[SceneT], number: Callable[[Sequence[SceneT]], float 
     return Spread(float(value), float(np.std(singles)), float(low), float(high))
 
 
-def cells(value: Spread | None, digits: int = 1) -> tuple[str, str]:
-    """A number with its standard deviation over the scenes, and its 95 % interval, for a table."""
-    if value is None:
-        return NOTHING, NOTHING
-    return f"{value.mean:.{digits}f} ± {value.std:.{digits}f}", f"{value.low:.{digits}f}-{value.high:.{digits}f}"
-
-
-def mean_or_none(values: Sequence[float | None]) -> float | None:
-    """The mean of the values that are there; None if there are none."""
+def mean(values: Iterable[Any]) -> float | None:
+    """The mean of the numbers or truths that are there; None if there are none."""
     there = [value for value in values if value is not None]
     return float(np.mean(there)) if there else None
+
+
+def table(
+    headers: Sequence[str],
+    metrics: Mapping[str, Metric[Any]],
+    *columns: Mapping[str, Any],
+    title: str = "",
+    notes: Sequence[str] = (),
+) -> Table:
+    """A row for each number; columns that do not have it say so."""
+    rows = [
+        (metric.label, *(cell(column.get(name), metric.form) for column in columns)) for name, metric in metrics.items()
+    ]
+    return Table(headers, rows, title, notes)
+
+
+def cell(value: Any, form: str) -> str:
+    """A number as it stands in a table."""
+    return NOTHING if value is None else f"{value:{form}}"

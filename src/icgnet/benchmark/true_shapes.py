@@ -1,5 +1,6 @@
 """The true shapes of a scene: what is inside of them, and which of them a measured point belongs to."""
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +16,21 @@ NEAR = 0.01
 """A measured point belongs to the nearest object within this distance [m]."""
 
 
+@dataclass(frozen=True)
+class NamedObject:
+    """An object that really stands there.
+
+    Attributes:
+        name: key in its set.
+        class_name: its class.
+        alternative: the class that it could have had as well, by those who labelled it; None where it is clear.
+    """
+
+    name: str
+    class_name: str
+    alternative: str | None = None
+
+
 class TrueShapes:
     """The objects of a scene, asked in the world frame [m].
 
@@ -25,35 +41,26 @@ class TrueShapes:
 
     def __init__(self, scene: Scene, object_set: ObjectSet) -> None:
         self.scene = scene
-        self._object_set = object_set
+        self.object_set = object_set
 
     def __len__(self) -> int:
         return len(self.scene.objects)
 
     @property
-    def classes(self) -> tuple[str, ...]:
-        """Class of each object."""
-        return tuple(self._object_set.class_name(name) for name in self.names)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Key of each object in its set."""
-        return tuple(placed.name for placed in self.scene.objects)
-
-    @property
-    def class_alternatives(self) -> tuple[str | None, ...]:
-        """The class that each object could have had as well."""
-        return tuple(self._object_set.class_alternative(name) for name in self.names)
+    def objects(self) -> tuple[NamedObject, ...]:
+        """What each object is called."""
+        names, known = [placed.name for placed in self.scene.objects], self.object_set
+        return tuple(NamedObject(name, known.class_name(name), known.class_alternative(name)) for name in names)
 
     @cached_property
     def meshes(self) -> tuple[trimesh.Trimesh, ...]:
         """Visual mesh of each object, with whatever is drawn inside of it."""
-        return tuple(world_mesh(placed, self._object_set) for placed in self.scene.objects)
+        return tuple(world_mesh(placed, self.object_set) for placed in self.scene.objects)
 
     def distance(self, index: int, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Signed distance of points to one object [m], negative inside."""
         placed = self.scene.objects[index]
-        grid = self._object_set.signed_distance(placed.name)
+        grid = self.object_set.signed_distance(placed.name)
         return grid.distance_from(points, placed.T_world_object, placed.scale)
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "i n"]:

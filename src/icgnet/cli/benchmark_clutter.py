@@ -23,7 +23,7 @@ class Clutter:
     """Let a planner grasp scenes empty, and count. Run it again to go on after an interruption."""
 
     out: Path
-    """Folder for report.json, attempts.jsonl and what is needed to go on."""
+    """Folder for report.json, rounds.jsonl with all attempts, and what is needed to go on."""
     config: Annotated[ClutterConfig, Flat]
     """What decides the numbers."""
     workers: int = 1
@@ -44,14 +44,16 @@ class Clutter:
         config = self.config
         load_objects(config.objects)  # the workers load their own; here it says what is left out
         console = Console()
-        with _progress(console, "rounds") as progress:
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+        with Progress(TextColumn("rounds"), *columns, console=console) as progress:
             task = progress.add_task("", total=config.runs * config.rounds)
 
             def show(rounds: Sequence["Round"]) -> None:
                 text = ""
                 if rounds:
                     numbers = summarise(rounds)
-                    text = f"GSR {numbers.gsr.mean:.1f} DR {numbers.dr.mean:.1f}"
+                    rates = {"GSR": numbers.gsr, "DR": numbers.dr}
+                    text = " ".join(f"{name} {rate.mean:.1f}" for name, rate in rates.items() if rate)
                 progress.update(task, completed=len(rounds), description=text)
 
             numbers = run_clutter(config, self.out, self.workers, show)
@@ -59,25 +61,7 @@ class Clutter:
         for table in tables(numbers):
             print_table(table)
         if self.gallery:
-            self._draw(console)
+            from icgnet.benchmark.gallery import draw_gallery
 
-    def _draw(self, console: Console) -> None:
-        from icgnet.benchmark.gallery import draw_gallery
-
-        with _progress(console, "pictures") as progress:
-            task = progress.add_task("", total=None)
-            folder = draw_gallery(
-                self.config, self.out, self.gallery, lambda done, of: progress.update(task, completed=done, total=of)
-            )
-        console.print(f"pictures of the worst attempts: {folder}", soft_wrap=True)
-
-
-def _progress(console: Console, what: str) -> Progress:
-    return Progress(
-        TextColumn(what),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.description}"),
-        TimeRemainingColumn(),
-        console=console,
-    )
+            folder = draw_gallery(config, self.out, self.gallery)
+            console.print(f"pictures of the worst attempts: {folder}", soft_wrap=True)

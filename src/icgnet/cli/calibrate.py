@@ -20,7 +20,7 @@ class Calibrate:
     weights: Path
     """Weights file that `icgnet train` wrote."""
     data: tuple[Path, ...]
-    """Folders that `icgnet generate` wrote; their scenes of split val are used."""
+    """Folders that `icgnet generate` wrote; their scenes of split val are used, and they name the hand."""
     out: Path
     """Folder for the new weights.safetensors, the reliability diagram (reliability.png) and report.json."""
     objects: tuple[str, ...] = ("procedural",)

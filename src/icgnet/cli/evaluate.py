@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rich.console import Console
-from rich.table import Table
+from icgnet.cli.tables import print_table
 
 
 @dataclass(frozen=True)
@@ -13,7 +12,7 @@ class Evaluate:
     """Print the metrics of weights on generated scenes: grasps, shapes, instances and classes."""
 
     data: tuple[Path, ...]
-    """Folders that `icgnet generate` wrote, with objects that the weights were not trained on."""
+    """Folders that `icgnet generate` wrote, with objects that the weights were not trained on; they name the hand."""
     objects: tuple[str, ...] = ("procedural",)
     """The object sets that the scenes were made of."""
     weights: Path | None = None
@@ -31,15 +30,18 @@ class Evaluate:
         Raises:
             IcgnetError: unusable weights, or no such scenes.
         """
+        from icgnet.benchmark.tables import NOTHING, Table
         from icgnet.files import write_json
         from icgnet.predictor import DEFAULT_WEIGHTS
         from icgnet.training.validation import evaluate_weights
 
         weights = self.weights or DEFAULT_WEIGHTS
         metrics = evaluate_weights(weights, self.data, self.objects, self.split, self.threads)
-        table = Table("metric", *metrics, title=f"split {self.split}")
-        for name in dict.fromkeys(name for column in metrics.values() for name in column):
-            table.add_row(name, *(f"{column[name]:.4g}" if name in column else "-" for column in metrics.values()))
-        Console().print(table)
+        names = dict.fromkeys(name for column in metrics.values() for name in column)
+        rows = [
+            (name, *(f"{column[name]:.4g}" if name in column else NOTHING for column in metrics.values()))
+            for name in names
+        ]
+        print_table(Table(("metric", *metrics), rows, title=f"split {self.split}"))
         if self.out is not None:
             write_json(self.out / "report.json", metrics)

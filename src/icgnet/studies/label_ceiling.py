@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from icgnet.benchmark.statistics import Metric, evaluate, mean, table
 from icgnet.benchmark.tables import Table
 from icgnet.datagen.config import LabelSettings
 from icgnet.datagen.label_scene import scene_rng
@@ -24,7 +25,6 @@ from icgnet.simulation.scene import world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Trials
 from icgnet.studies.config import LabelCeilingConfig
-from icgnet.studies.measured import Number, evaluate, mean, table
 from icgnet.training.metrics import best_f1
 
 Outcomes = Bool[np.ndarray, "r n"]
@@ -115,13 +115,13 @@ def _rates_of_the_others(scene: Outcomes) -> Float[np.ndarray, "r n"]:
     return (scene.sum(axis=0) - scene) / (len(scene) - 1)
 
 
-NUMBERS: dict[str, Number[Sequence[Outcomes]]] = {
-    "scenes": Number("scenes with any object", len, "d"),
-    "trials": Number("trials", lambda scenes: sum(each.shape[1] for each in scenes), "d"),
-    "repeats": Number("repeats of each", lambda scenes: len(scenes[0]), "d"),
-    "success": Number("share of successes", lambda scenes: float(np.concatenate(scenes, axis=1).mean()), ".3f"),
-    "undecided": Number("both outcomes, of those that ever succeed", _undecided, ".3f"),
-    "f1": Number("best F1", _f1, ".3f"),
-    "top1": Number("success of the best grasp of a scene", lambda scenes: mean(map(_success_of_best, scenes)), ".3f"),
+NUMBERS: dict[str, Metric[Sequence[Outcomes]]] = {
+    "scenes": Metric("scenes with any object", len, "d"),
+    "trials": Metric("trials", lambda scenes: sum(each.shape[1] for each in scenes), "d"),
+    "repeats": Metric("repeats of each", lambda scenes: len(scenes[0]), "d"),
+    "success": Metric("share of successes", lambda scenes: float(np.concatenate(scenes, axis=1).mean()), ".3f"),
+    "undecided": Metric("both outcomes, of those that ever succeed", _undecided, ".3f"),
+    "f1": Metric("best F1", _f1, ".3f"),
+    "top1": Metric("success of the best grasp of a scene", lambda scenes: mean(map(_success_of_best, scenes)), ".3f"),
 }
 """What scores can reach that are the success rates of the other repeats."""

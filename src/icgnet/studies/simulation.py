@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 from jaxtyping import Bool
 
+from icgnet.benchmark.statistics import Metric, evaluate, mean, table
 from icgnet.benchmark.tables import Table
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
@@ -24,7 +25,6 @@ from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import Spawn, spawn, spawn_scene
 from icgnet.simulation.trials import Trials
 from icgnet.studies.config import SimulationConfig
-from icgnet.studies.measured import Number, evaluate, mean, table
 
 PUBLISHED: dict[str, Any] = yaml.safe_load((Path(__file__).parent / "published.yaml").read_text(encoding="utf-8"))
 """What the published simulators do; the file names the sources."""
@@ -190,27 +190,27 @@ def _tilted(spawns: Sequence[Spawn]) -> float | None:
     return mean(np.arccos(np.clip(upright, -1.0, 1.0)) > TILTED)
 
 
-SCENE_NUMBERS: dict[str, Number[Sequence[Spawn]]] = {
-    "scenes": Number("scenes", len, "d"),
-    "placed": Number("placed, mean", lambda spawns: mean(len(each.scene.objects) for each in spawns)),
-    "attempts": Number("attempts, mean", lambda spawns: mean(each.attempts for each in spawns)),
-    "rejected": Number(
+SCENE_NUMBERS: dict[str, Metric[Sequence[Spawn]]] = {
+    "scenes": Metric("scenes", len, "d"),
+    "placed": Metric("placed, mean", lambda spawns: mean(len(each.scene.objects) for each in spawns)),
+    "attempts": Metric("attempts, mean", lambda spawns: mean(each.attempts for each in spawns)),
+    "rejected": Metric(
         "rejected share of attempts", lambda spawns: sum(s.rejected for s in spawns) / sum(s.attempts for s in spawns)
     ),
-    "lost": Number("lost, mean", lambda spawns: mean(each.lost for each in spawns)),
-    "tilted": Number("tilted by more than 20 degrees", _tilted),
-    "top_speed": Number("top speed, m/s", lambda spawns: max(each.top_speed for each in spawns)),
+    "lost": Metric("lost, mean", lambda spawns: mean(each.lost for each in spawns)),
+    "tilted": Metric("tilted by more than 20 degrees", _tilted),
+    "top_speed": Metric("top speed, m/s", lambda spawns: max(each.top_speed for each in spawns)),
 }
 """Of random scenes; rejected are objects that had no room, lost are those that left the workspace."""
 
-AGREEMENT_NUMBERS: dict[str, Number[TwiceDecided]] = {
-    "trials": Number("trials", lambda trials: len(trials.filtered), "d"),
-    "filtered": Number("filtered", lambda trials: mean(trials.filtered), ".2%"),
-    "collided": Number("collided in physics", lambda trials: mean(trials.collided), ".2%"),
-    "same_collision": Number("same collision", lambda trials: mean(trials.filtered == trials.collided), ".2%"),
-    "same_success": Number("same success", lambda trials: mean(trials.success == trials.full_success), ".2%"),
-    "success": Number("success", lambda trials: mean(trials.success), ".2%"),
-    "success_of_free": Number("success of free", lambda trials: mean(trials.success[~trials.filtered]), ".2%"),
+AGREEMENT_NUMBERS: dict[str, Metric[TwiceDecided]] = {
+    "trials": Metric("trials", lambda trials: len(trials.filtered), "d"),
+    "filtered": Metric("filtered", lambda trials: mean(trials.filtered), ".2%"),
+    "collided": Metric("collided in physics", lambda trials: mean(trials.collided), ".2%"),
+    "same_collision": Metric("same collision", lambda trials: mean(trials.filtered == trials.collided), ".2%"),
+    "same_success": Metric("same success", lambda trials: mean(trials.success == trials.full_success), ".2%"),
+    "success": Metric("success", lambda trials: mean(trials.success), ".2%"),
+    "success_of_free": Metric("success of free", lambda trials: mean(trials.success[~trials.filtered]), ".2%"),
 }
 """How often the collision check and the whole simulation of a trial say the same; free are those it lets through."""
 

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from torch.utils.flop_counter import FlopCounterMode, sdpa_backward_flop_count, sdpa_flop_count
 
+from icgnet.benchmark.statistics import Quantiles
 from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.studies.config import TrainingSpeedConfig
 from icgnet.studies.loader import LoaderNumbers, load_dataset, time_visits
-from icgnet.studies.measured import Quantiles
 from icgnet.training.config import TRAININGS, TrainingConfig
 from icgnet.training.loop import Trainer, to_agree_on
 from icgnet.training.processes import check_same, join_processes, total
@@ -152,23 +152,23 @@ def tables(numbers: TrainingSpeedNumbers) -> list[Table]:
     whole = sum(numbers.step_ms[part].median for part in PARTS)
     shares = {part: numbers.step_ms[part].median / whole for part in PARTS} | {STEP: 1.0}
     rows = [
-        (name, f"{ms.median:.1f}", ms.range(1), f"{100 * shares[name]:.0f} %", _mean(numbers.step_gflop, name))
+        (name, f"{ms:.1f}", f"{100 * shares[name]:.0f} %", _mean(numbers.step_gflop, name))
         for name, ms in numbers.step_ms.items()
     ]
     processes = f" in each of {numbers.processes} processes" if numbers.processes > 1 else ""
     notes = (
         f"{numbers.scenes_per_second:.2f} scenes a second over {numbers.steps} steps of {numbers.batch}{processes}; "
         f"{numbers.device}, {numbers.threads} threads",
-        f"loader: {loader.visit_ms.median:.0f} ms a scene ({loader.visit_ms.range()}) in a process of its own; with "
+        f"loader: {loader.visit_ms:.0f} ms a scene in a process of its own; with "
         f"{numbers.workers} of them, {100 * numbers.waiting_share:.0f} % of the time is waiting",
-        f"{flops.mean:.1f} GFLOP a scene, forward and backward ({flops.range(1)}; {numbers.counted_scenes} scenes): "
-        f"{1e3 * flops.mean / step.median:.0f} GFLOP/s",
+        f"{flops.mean:.1f} GFLOP a scene, forward and backward ({flops.p10:.1f} to {flops.p90:.1f}; "
+        f"{numbers.counted_scenes} scenes): {1e3 * flops.mean / step.median:.0f} GFLOP/s",
         f"not counted: {'; '.join(numbers.not_counted)}",
     )
     modules = [(name, f"{ms.mean:.1f}", _mean(numbers.module_gflop, name)) for name, ms in numbers.module_ms.items()]
     return [
         Table(("forward, per scene", "ms, mean", "GFLOP"), modules, title="modules of the network"),
-        Table(("per scene", "ms, median", "10th to 90th percentile", "share", "GFLOP"), rows, "training step", notes),
+        Table(("per scene", "ms, median (10th to 90th percentile)", "share", "GFLOP"), rows, "training step", notes),
     ]
 
 

@@ -1,13 +1,12 @@
 """The network of this package, from the cloud to grasps that are checked against the predicted shapes."""
 
 from dataclasses import replace
-from pathlib import Path
 
+from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation, points_above_table, without_lonely_points
 from icgnet.benchmark.planner import Plan
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.depth_scale import levelled_depth
-from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 from icgnet.predictor import Predictor
 
 
@@ -26,29 +25,15 @@ class IcgNetPlanner:
 
     needs_truth = False
 
-    def __init__(
-        self,
-        weights: Path | None = None,
-        threads: int = 1,
-        search: GraspSearch = BEST_FEW,
-        level_table: bool = True,
-        gripper: str | Path = "franka",
-    ) -> None:
-        """Loads the network.
-
-        Args:
-            weights: a file of weights; the shipped ones if None.
-            threads: CPU threads of the network, for the whole process.
-            search: how grasps are looked for; the opening is the observation's.
-            level_table: whether a wrong depth scale, which the table's height tells, is taken out.
-            gripper: the hand; see `Predictor.load`.
+    def __init__(self, config: ClutterConfig) -> None:
+        """Loads the network of a benchmark.
 
         Raises:
             DataError: the weights cannot be used.
-            InputError: a number of threads below 1, or a hand that the weights do not know.
+            InputError: a hand that the weights do not know.
         """
-        self._predictor = Predictor.load(weights, threads, gripper, search=search)
-        self._level_table = level_table
+        self._predictor = Predictor.load(config.weights, config.threads, config.gripper, search=config.search)
+        self._level_table = config.level_table
 
     def plan(self, observation: Observation) -> Plan:
         """Grasps that touch nothing that was seen or is predicted; the prediction is in `details`."""

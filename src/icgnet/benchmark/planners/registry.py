@@ -21,9 +21,7 @@ def load_planner(config: ClutterConfig) -> Planner:
     if config.planner in BUILT_IN:
         module_name, _, class_name = BUILT_IN[config.planner].partition(":")
         built_in = getattr(importlib.import_module(f"icgnet.benchmark.planners.{module_name}"), class_name)
-        if config.planner != OUR_NETWORK:
-            return built_in()
-        return built_in(config.weights, config.threads, config.search, config.level_table, config.gripper)
+        return built_in(config) if config.planner == OUR_NETWORK else built_in()
     if ":" in config.planner:
         return _load_own(config.planner)
     raise InputError(

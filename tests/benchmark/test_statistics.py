@@ -1,8 +1,8 @@
 import pytest
 
-from icgnet.studies.measured import Number, Quantiles, evaluate, mean, table
+from icgnet.benchmark.statistics import Metric, Quantiles, Spread, evaluate, mean, table
 
-NUMBERS = {"count": Number("things", len, "d"), "mean": Number("their mean", mean, ".1%")}
+NUMBERS = {"count": Metric("things", len, "d"), "mean": Metric("their mean", mean, ".1%")}
 
 
 def test_every_number_is_a_row_and_says_so_where_it_is_not_defined():
@@ -15,4 +15,9 @@ def test_every_number_is_a_row_and_says_so_where_it_is_not_defined():
 def test_quantiles_of_many_values():
     found = Quantiles.of(float(value) for value in range(11))
     assert (found.p10, found.median, found.p90, found.mean) == pytest.approx((1.0, 5.0, 9.0, 5.0))
-    assert found.range(1) == "1.0 to 9.0"
+    assert f"{found:.1f}" == "5.0 (1.0 to 9.0)"
+
+
+def test_a_spread_is_written_with_its_deviation_if_there_is_one():
+    assert f"{Spread(84.0, 6.1, 80.0, 88.0):.1f}" == "84.0 ± 6.1 [80.0, 88.0]"
+    assert f"{Spread(84.0, None, 80.0, 88.0):.0f}" == "84 [80, 88]"
