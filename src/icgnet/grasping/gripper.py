@@ -5,6 +5,7 @@ The same entries, plain values, describe it in manifests, recipes, weights and s
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import Repr
@@ -168,6 +169,15 @@ class Gripper:
     def surface_points(self, opening: float, spacing: float = 0.008) -> Float[np.ndarray, "h 3"]:
         """Points on the hand's boxes, at most `spacing` [m] apart, in the grasp frame."""
         return np.concatenate([np.zeros((0, 3)), *(_box_surface(box, spacing) for box in self.boxes(opening))])
+
+
+def extents(boxes: Sequence[Box]) -> tuple[float, float, float]:
+    """Edges of the box around at least one box [m]."""
+    corners = [box.corners() for box in boxes]
+    x, y, z = (
+        max(each["upper"][axis] for each in corners) - min(each["lower"][axis] for each in corners) for axis in range(3)
+    )
+    return x, y, z
 
 
 def _box_surface(box: Box, spacing: float) -> Float[np.ndarray, "h 3"]:
