@@ -108,7 +108,7 @@ def test_a_hand_without_a_palm_has_numbers_too():
 def test_what_is_outside_is_said_with_value_and_range():
     assert outside(FAMILY, replace(FRANKA, max_opening=0.2, finger_force=140.0, friction=0.3)) == [
         "opening 200 mm, not 40 to 150 mm",
-        "finger force 140 N, not 15 to 50 N",
+        "finger force 140 N, not 15 to 40 N",
         "friction 0.3, not 0.6 to 0.9",
     ]
     assert outside(FAMILY, replace(FRANKA, clearance=0.0036)) == ["clearance 3.6 mm, not 4 to 10 mm"]

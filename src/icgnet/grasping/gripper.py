@@ -62,6 +62,11 @@ class Box:
         (x, y, z), (length, depth, height) = self.centre, self.size
         return Box((x, y, z - approach / 2), (length, depth, height + approach))
 
+    def opened(self, way: float) -> "Box":
+        """What the box of a +y finger covers while the finger opens by `way` [m]."""
+        (x, y, z), (length, depth, height) = self.centre, self.size
+        return Box((x, y + way / 2, z), (length, depth + way, height))
+
     def mirrored(self) -> "Box":
         """The box turned by 180 degrees about the approach axis."""
         return Box((-self.centre[0], -self.centre[1], self.centre[2]), self.size)
@@ -325,15 +330,15 @@ def _check_shape(gripper: Gripper) -> None:
                 f"palm box {number} reaches to z = {box['upper'][2]:g} m: the fingers must stand out of the palm by "
                 f"more than finger_reach ({gripper.finger_reach:g} m)"
             )
-    for opening, (i, own), (j, other) in itertools.product(
-        (0.0, gripper.max_opening), enumerate(gripper.finger, 1), enumerate(gripper.palm, 1)
-    ):
-        depth = _depth_along_approach(own.shifted(opening / 2), other)
-        if depth > MATING_DEPTH + TOUCH:
-            raise InputError(
-                f"finger box {i} goes {depth:g} m deep into palm box {j} with the jaw open by {opening:g} m: at most "
-                f"{MATING_DEPTH:g} m may"
-            )
+    for (i, own), (j, other) in itertools.product(enumerate(gripper.finger, 1), enumerate(gripper.palm, 1)):
+        way = own.opened(gripper.max_opening / 2)
+        for side, swept in (("+y", way), ("-y", way.mirrored())):
+            depth = _depth_along_approach(swept, other)
+            if depth > MATING_DEPTH + TOUCH:
+                raise InputError(
+                    f"box {i} of the {side} finger goes {depth:g} m deep into palm box {j} between open and closed: at "
+                    f"most {MATING_DEPTH:g} m may"
+                )
 
 
 def _depth_along_approach(finger: Box, palm: Box) -> float:

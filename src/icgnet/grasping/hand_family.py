@@ -68,7 +68,7 @@ class HandFamily:
     """How far the tips reach past a contact."""
     clearance: Range = (0.004, 0.01)
     """Free space beside each finger while approaching."""
-    finger_force: Range = (15.0, 50.0)
+    finger_force: Range = (15.0, 40.0)
     """Of each finger [N]; 12 N hold 0.7 kg at a friction of 0.6 while it is lifted as in a trial."""
     friction: Range = (0.6, 0.9)
     """Sliding friction of the pads."""
