@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from icgnet.benchmark.reports import find_reports
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.grasping.gripper import load_gripper
 from icgnet.simulation.config import Physics
@@ -49,8 +50,21 @@ def test_what_is_too_heavy_slips():
 
 
 def test_the_worst_of_each_hand_is_told(numbers):
-    rows = tables(numbers)[0].rows
-    assert [row[:2] for row in rows] == [("robotiq_2f_140", "9 of 9")]
+    (row,) = tables(numbers)[0].rows
+    assert row[:2] == ("robotiq_2f_140", "9 of 9")
+    assert row[2] == f"{max(each.time for each in numbers.closings['robotiq_2f_140']):.2f}"
+
+
+def test_the_report_keeps_the_traces(tmp_path, monkeypatch):
+    monkeypatch.setattr("icgnet.studies.hands.SHARES", (0.7,))
+    monkeypatch.setattr("icgnet.studies.hands.HOLD_TIME", 0.1)
+    arguments = ["--grippers", "xarm", "--no-extremes", "--out", str(tmp_path / "report")]
+    assert main(["study", "hands", *arguments]) == 0
+    (report,) = find_reports([tmp_path])
+    assert report.kind == "hands"
+    closings = report.values["closings"]["xarm"]
+    assert [each["shape"] for each in closings] == ["box", "cylinder", "sphere"]
+    assert len(closings[0]["trace"][0]) == 4
 
 
 def test_impossible_objects_are_refused(capsys):

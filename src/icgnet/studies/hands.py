@@ -51,7 +51,7 @@ class Closing:
     Attributes:
         shape: box, cylinder or sphere.
         width: of the object where the fingers take it [m].
-        time: until the fingers stand still [s]; nan if they did not within the time of a trial.
+        time: until the fingers stand still, at most the time that a trial gives them [s].
         sinking: how much narrower than the object the hand is, a finger, while it holds [m].
         impact: deepest contact at any moment [m].
         slip: the object moved by this in the hand while it was held still [m].
@@ -142,12 +142,12 @@ def close_on(hand: Gripper, shape: str, mesh: trimesh.Trimesh, physics: Physics)
     world = World([body], physics, hand)
     world.hand.place(make_transform(np.diag([-1.0, 1.0, -1.0]), tips), hand.max_opening)
     world.hand.squeeze(hand.finger_force)
-    watch, time = _Watch(world), float("nan")
+    watch = _Watch(world)
     for _ in range(steps_in(closing_time(hand) + CLOSE_MARGIN, physics) // TRACE_STEPS):
         watch.step(TRACE_STEPS)
         if world.hand.finger_speed() < CLOSED_SPEED:
-            time = len(watch.trace) * physics.timestep
             break
+    time = len(watch.trace) * physics.timestep
     for position in smooth_line(tips, np.array([0.0, 0.0, LIFT]), LIFT_TIME, physics):
         world.hand.move_to(position)
         watch.step()
