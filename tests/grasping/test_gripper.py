@@ -29,6 +29,25 @@ def test_franka_has_its_published_measures():
     assert np.allclose(upper[: len(franka.palm), 2].max(), -0.1123 + 0.066)
 
 
+@pytest.mark.parametrize(
+    ("name", "opening", "length"),
+    [
+        ("robotiq_2f_85", 0.085, 0.163),
+        ("robotiq_2f_140", 0.140, 0.2332),
+        ("wsg_50", 0.110, 0.1545),
+        ("xarm", 0.084, 0.1745),
+    ],
+)
+def test_shipped_hands_have_their_published_measures(name, opening, length):
+    hand = load_gripper(name)
+    assert hand.name == name
+    assert hand.max_opening == opening
+    # From the base link, which looks along the approach, to the tips.
+    np.testing.assert_allclose(hand.T_grasp_base[:3, 3], [0.0, 0.0, -length])
+    np.testing.assert_allclose(hand.T_grasp_base[:3, 2], [0.0, 0.0, 1.0])
+    assert Gripper.from_dict(json.loads(json.dumps(hand.to_dict()))) == hand
+
+
 @given(st.floats(0, 0.2))
 def test_hand_opens_by_the_width_and_the_clearance_but_not_beyond_its_range(width):
     opening = franka.opening(np.array([width]))[0]
@@ -169,7 +188,9 @@ def test_a_file_that_was_edited_is_read_again(tmp_path):
         ({"palm": scaled(ENTRIES["palm"], 10.0)}, "palm box 1: lower must be three numbers from -0.5 to 0.5 m"),
         ({"palm": [box([-0.03, -0.1, -0.14], [0.03, 0.1, -0.005])]}, "palm box 1 reaches to z = -0.005 m: the fingers"),
         ({"palm": [box([-0.03, -0.1, -0.14], [0.03, 0.1, -0.02])]}, "goes 0.0179 m deep into palm box 1"),
-        ({"palm": [box([-0.03, 0.05, -0.14], [0.03, 0.1, -0.02])]}, "palm box 1 with the jaw open by 0.08 m"),
+        ({"palm": [box([-0.03, 0.05, -0.14], [0.03, 0.1, -0.02])]}, r"box 1 of the \+y finger goes .* palm box 1"),
+        ({"palm": [box([-0.03, 0.03, -0.14], [0.03, 0.035, -0.02])]}, r"the \+y finger .* between open and closed"),
+        ({"palm": [box([-0.03, -0.1, -0.14], [0.03, -0.05, -0.02])]}, "box 1 of the -y finger goes .* palm box 1"),
         ({"finger": []}, "finger must be a list of 1 to 64 boxes"),
         ({"finger": scaled(ENTRIES["finger"], 1000.0)}, "finger box 1: lower must be three numbers from -0.5 to 0.5"),
         ({"finger": [box([-0.01, -0.03, -0.05], [0.01, 0.0, 0.0])]}, "finger box 1 reaches to y = -0.03 m"),
@@ -224,7 +245,8 @@ def test_aliases_in_the_place_of_numbers_are_refused_at_once(tmp_path):
 
 @pytest.mark.parametrize("source", ["robotiq", "x" * 5000, "a\0b"])
 def test_unknown_gripper_lists_the_known_ones(source):
-    with pytest.raises(DataError, match=r" is neither a file nor one of \['franka'\]") as error:
+    known = r"\['franka', 'robotiq_2f_140', 'robotiq_2f_85', 'wsg_50', 'xarm'\]"
+    with pytest.raises(DataError, match=f" is neither a file nor one of {known}") as error:
         load_gripper(source)
     assert len(str(error.value)) < 500
 

@@ -20,6 +20,7 @@ KINDS = (
     "simulation",
     "loader",
     "label-ceiling",
+    "hands",
     "training-speed",
 )
 """What a report can be of."""

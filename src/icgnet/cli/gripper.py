@@ -54,8 +54,10 @@ class CheckGripper:
 
 def measures(hand: "Hand") -> dict[str, str]:
     """What a reader of a gripper file wants to hold against a ruler, by name."""
-    width, thickness, length = _extents(hand.finger)
-    palm = " x ".join(f"{1e3 * extent:.1f}" for extent in _extents(hand.palm)) + " mm" if hand.palm else "none"
+    from icgnet.grasping.gripper import extents
+
+    width, thickness, length = extents(hand.finger)
+    palm = " x ".join(f"{1e3 * extent:.1f}" for extent in extents(hand.palm)) + " mm" if hand.palm else "none"
     front = max((box.corners()["upper"][2] for box in hand.palm), default=None)
     offset = ", ".join(f"{1e3 * value:.1f}" for value in hand.base_offset)
     return {
@@ -75,12 +77,3 @@ def measures(hand: "Hand") -> dict[str, str]:
 
 def _count(boxes: "Sequence[Box]") -> str:
     return "1 box" if len(boxes) == 1 else f"{len(boxes)} boxes"
-
-
-def _extents(boxes: "Sequence[Box]") -> tuple[float, float, float]:
-    """Edges of the box around some boxes [m]."""
-    corners = [box.corners() for box in boxes]
-    x, y, z = (
-        max(each["upper"][axis] for each in corners) - min(each["lower"][axis] for each in corners) for axis in range(3)
-    )
-    return x, y, z

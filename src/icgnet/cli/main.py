@@ -38,6 +38,7 @@ COMMANDS = {
     "benchmark captures": ("benchmark:Captures", "Objects and grasps in real frames against labels or clicks."),
     "benchmark report": ("benchmark_report:Report", "Put the results of several benchmarks beside the published ones."),
     "study simulation": ("study:Simulation", "Scenes and grasps of the simulator beside the published ones."),
+    "study hands": ("study:Hands", "How hands close on objects whose widths are known."),
     "study label-ceiling": ("study:LabelCeiling", "The best that scores of grasps can reach."),
     "study loader": ("study:Loader", "How many scenes a second one core makes ready for training."),
     "study training-speed": ("study:TrainingSpeed", "Where the time of a training step goes."),

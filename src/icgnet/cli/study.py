@@ -1,10 +1,11 @@
 """`icgnet study`: measurements that explain the numbers of the benchmark, one subcommand each."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from icgnet.cli.measurement import Flat, Measurement
-from icgnet.studies.config import LabelCeilingConfig, LoaderConfig, SimulationConfig, TrainingSpeedConfig
+from icgnet.studies.config import HandsConfig, LabelCeilingConfig, LoaderConfig, SimulationConfig, TrainingSpeedConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +24,19 @@ class LabelCeiling(Measurement):
     config: Annotated[LabelCeilingConfig, Flat]
 
     kind, module = "label-ceiling", "icgnet.studies.label_ceiling"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hands(Measurement):
+    """How hands close on objects whose widths are known: time, sinking in, slip and tilt."""
+
+    config: Annotated[HandsConfig, Flat]
+
+    kind, module = "hands", "icgnet.studies.hands"
+
+    def object_sources(self) -> tuple[str | Path, ...]:
+        """None: its objects are boxes, cylinders and spheres."""
+        return ()
 
 
 @dataclass(frozen=True, kw_only=True)

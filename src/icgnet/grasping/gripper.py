@@ -5,6 +5,7 @@ The same entries, plain values, describe it in manifests, recipes, weights and s
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import Repr
@@ -60,6 +61,11 @@ class Box:
         """What the box covers while it comes in straight along the approach axis, over this distance [m]."""
         (x, y, z), (length, depth, height) = self.centre, self.size
         return Box((x, y, z - approach / 2), (length, depth, height + approach))
+
+    def opened(self, way: float) -> "Box":
+        """What the box of a +y finger covers while the finger opens by `way` [m]."""
+        (x, y, z), (length, depth, height) = self.centre, self.size
+        return Box((x, y + way / 2, z), (length, depth + way, height))
 
     def mirrored(self) -> "Box":
         """The box turned by 180 degrees about the approach axis."""
@@ -168,6 +174,15 @@ class Gripper:
     def surface_points(self, opening: float, spacing: float = 0.008) -> Float[np.ndarray, "h 3"]:
         """Points on the hand's boxes, at most `spacing` [m] apart, in the grasp frame."""
         return np.concatenate([np.zeros((0, 3)), *(_box_surface(box, spacing) for box in self.boxes(opening))])
+
+
+def extents(boxes: Sequence[Box]) -> tuple[float, float, float]:
+    """Edges of the box around at least one box [m]."""
+    corners = [box.corners() for box in boxes]
+    x, y, z = (
+        max(each["upper"][axis] for each in corners) - min(each["lower"][axis] for each in corners) for axis in range(3)
+    )
+    return x, y, z
 
 
 def _box_surface(box: Box, spacing: float) -> Float[np.ndarray, "h 3"]:
@@ -315,15 +330,15 @@ def _check_shape(gripper: Gripper) -> None:
                 f"palm box {number} reaches to z = {box['upper'][2]:g} m: the fingers must stand out of the palm by "
                 f"more than finger_reach ({gripper.finger_reach:g} m)"
             )
-    for opening, (i, own), (j, other) in itertools.product(
-        (0.0, gripper.max_opening), enumerate(gripper.finger, 1), enumerate(gripper.palm, 1)
-    ):
-        depth = _depth_along_approach(own.shifted(opening / 2), other)
-        if depth > MATING_DEPTH + TOUCH:
-            raise InputError(
-                f"finger box {i} goes {depth:g} m deep into palm box {j} with the jaw open by {opening:g} m: at most "
-                f"{MATING_DEPTH:g} m may"
-            )
+    for (i, own), (j, other) in itertools.product(enumerate(gripper.finger, 1), enumerate(gripper.palm, 1)):
+        way = own.opened(gripper.max_opening / 2)
+        for side, swept in (("+y", way), ("-y", way.mirrored())):
+            depth = _depth_along_approach(swept, other)
+            if depth > MATING_DEPTH + TOUCH:
+                raise InputError(
+                    f"box {i} of the {side} finger goes {depth:g} m deep into palm box {j} between open and closed: at "
+                    f"most {MATING_DEPTH:g} m may"
+                )
 
 
 def _depth_along_approach(finger: Box, palm: Box) -> float:

@@ -10,8 +10,8 @@ from icgnet.simulation.config import Physics
 from icgnet.simulation.physics import PAD_PRIORITY, contact_settings
 
 PALM_MASS, FINGER_MASS = 0.8, 0.1
-# The fingers close with full force against this damping [N s/m]: 20 N give 0.2 m/s, the Franka hand's limit.
-FINGER_DAMPING = 100.0
+# The fingers close with full force against a damping that gives them this speed [m/s]: the Franka hand's limit.
+CLOSING_SPEED = 0.2
 # Reflected inertia of the drive [kg]: fingers as light as their shells would bounce off what they hit.
 FINGER_ARMATURE = 0.5
 SIDES = (("left", 1.0), ("right", -1.0))
@@ -35,7 +35,7 @@ def add_hand(spec: mujoco.MjSpec, gripper: Gripper, physics: Physics) -> None:
             axis=[0.0, sign, 0.0],
             range=[0.0, gripper.max_opening / 2],
             limited=True,
-            damping=[FINGER_DAMPING, 0.0, 0.0],
+            damping=[gripper.finger_force / CLOSING_SPEED, 0.0, 0.0],
             armature=FINGER_ARMATURE,
         )
         for box in gripper.finger:
@@ -51,6 +51,11 @@ def add_hand(spec: mujoco.MjSpec, gripper: Gripper, physics: Physics) -> None:
             ctrllimited=True,
         )
     _add_constraints(spec, physics)
+
+
+def closing_time(gripper: Gripper) -> float:
+    """How long the fingers move from the largest opening until they meet [s]."""
+    return gripper.max_opening / 2 / CLOSING_SPEED
 
 
 def _add_constraints(spec: mujoco.MjSpec, physics: Physics) -> None:

@@ -14,6 +14,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.simulation.approach import APPROACH_LENGTH, ApproachChecker
 from icgnet.simulation.config import Jitter, Physics
 from icgnet.simulation.contacts import Contacts
+from icgnet.simulation.hand import closing_time
 from icgnet.simulation.motion import smooth_line, steps_in
 from icgnet.simulation.physics import Body
 from icgnet.simulation.surroundings import ENDLESS, Surroundings
@@ -25,7 +26,8 @@ SIDE_GRASP = np.pi / 3  # beyond this angle from straight down, the hand retreat
 DISTURBED_SHIFT = 0.05  # a neighbour that moved this far was disturbed [m]
 DISTURBED_TURN = 0.1  # ... or whose quaternion changed by this norm
 LIFT = 0.10  # length of the retreat [m]
-APPROACH_TIME, CLOSE_TIMEOUT, LIFT_TIME, SETTLE_TIME = 0.3, 0.6, 0.24, 0.06  # [s]
+APPROACH_TIME, LIFT_TIME, SETTLE_TIME = 0.3, 0.24, 0.06  # [s]
+CLOSE_MARGIN = 0.4  # time that the fingers have beyond the way from fully open to closed [s]
 LIFT_CHECK = 15  # steps between two looks at the object while lifting
 LOST_SHIFT = 0.04  # an object that moved this far in the hand will not be lifted [m]
 HELD_STEPS = 5  # both fingers must touch the object in one of the last steps
@@ -182,7 +184,8 @@ class Trials:
     def _close(self) -> None:
         """Steps until the fingers stand still on something, or on each other."""
         world, block = self.world, 5
-        for _ in range(steps_in(CLOSE_TIMEOUT, world.physics) // block):
+        timeout = closing_time(self.gripper) + CLOSE_MARGIN
+        for _ in range(steps_in(timeout, world.physics) // block):
             world.step(block)
             if world.hand.finger_speed() < CLOSED_SPEED:
                 return

@@ -60,6 +60,26 @@ class LabelCeilingConfig:
 
 
 @dataclass(frozen=True)
+class HandsConfig:
+    """How hands close on objects whose widths are known: time, sinking in, slip and tilt."""
+
+    grippers: tuple[str, ...] = ("franka", "robotiq_2f_85", "robotiq_2f_140", "wsg_50", "xarm")
+    """Names of hands that ship with the package, or gripper files."""
+    extremes: bool = True
+    """Also members of the hand family at the ends of its ranges."""
+    mass: float = 0.7
+    """Of the objects [kg]."""
+    friction: float = 0.6
+    """Of the pads."""
+    seed: int = 0
+    """Of what is drawn of the members."""
+
+    def __post_init__(self) -> None:
+        check_range(self, 0.0, "mass", "friction", above=True)
+        check_range(self, 0.0, "seed")
+
+
+@dataclass(frozen=True)
 class TrainingScenes:
     """Scenes as a training preset reads them."""
 
