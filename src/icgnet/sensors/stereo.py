@@ -14,6 +14,8 @@ from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
 MATCHING_PITCH = 5
 """Neighbouring pixels share most of their matching window, and so their errors [pixels]."""
+RIPPLE_PITCH = 20
+"""Surfaces are wavy over about so many pixels as well: calibration and the pattern itself."""
 PATCH_PITCH = 12
 """Edges are fattened in patches of about this size [pixels]."""
 GRAZING_SPREAD = 0.05
@@ -21,9 +23,14 @@ GRAZING_SPREAD = 0.05
 
 
 def add_disparity_noise(
-    depth: Float[np.ndarray, "h w"], focal: float, sigma: float, rng: np.random.Generator, baseline: float = BASELINE
+    depth: Float[np.ndarray, "h w"],
+    focal: float,
+    sigma: float,
+    rng: np.random.Generator,
+    baseline: float = BASELINE,
+    pitch: int = MATCHING_PITCH,
 ) -> Float[np.ndarray, "h w"]:
-    """Depth with errors of the disparity, alike within a matching window, so that they grow with the depth squared.
+    """Depth with errors of the disparity, alike within some pixels, so that they grow with the depth squared.
 
     Source: depth error = depth^2 * subpixel / (focal * baseline); Intel names a subpixel error of 0.03 to 0.08 pixels.
 
@@ -33,8 +40,9 @@ def add_disparity_noise(
         sigma: standard deviation of the disparity [pixels].
         rng: source of the draws.
         baseline: distance of the two cameras [m].
+        pitch: distance after which errors have nothing to do with each other [pixels]; that of a matching window.
     """
-    noise = image_field((depth.shape[0], depth.shape[1]), sigma / LOSS, MATCHING_PITCH, rng)
+    noise = image_field((depth.shape[0], depth.shape[1]), sigma / LOSS, pitch, rng)
     return depth / np.maximum(1 + depth * noise * np.float32(1 / (focal * baseline)), np.float32(0.1))
 
 

@@ -17,6 +17,9 @@ LEAST_COSINE = 0.1
 """Surfaces are not seen more from their side than this: pixels at depth edges have no incidence of their own."""
 DIMMEST = 0.25
 """Objects send back from this share of the light to all of it."""
+FILTER_GAIN = 256.0 / 70.0
+"""Takes back by how much weights 1, 4, 6, 4, 1 along rows and along columns, which the errors are averaged with, make
+them smaller."""
 BOUNCE_ANGLE = 0.012
 """Light bounces between patches of this size, seen from the camera [rad]."""
 RINGS = (1, 2, 4, 8)
@@ -30,7 +33,7 @@ def add_shot_noise(
     sigma: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "h w"]:
-    """Depth with errors of their own for each pixel, the larger the less light comes back.
+    """Depth with errors that are the larger the less light comes back, alike within what the camera's filter averages.
 
     Standard deviation: `sigma` times the distance [m], over the root of the cosine of the incidence and of the share of
     light that the object sends back.
@@ -51,6 +54,9 @@ def add_shot_noise(
     cosine = np.maximum(depth / np.maximum(normal * ray, np.float32(1e-9)), np.float32(LEAST_COSINE))
     light = brightness[np.where(ids >= 0, ids, objects)] * cosine
     noise = rng.standard_normal(depth.shape, dtype=np.float32)
+    for axis in (0, 0, 1, 1):
+        noise = _spread(noise, np.float32(0.25), axis)
+    noise *= np.float32(FILTER_GAIN)
     return depth * np.maximum(1 + np.float32(sigma) * noise / np.sqrt(light), np.float32(0.1))
 
 
