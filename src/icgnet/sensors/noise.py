@@ -52,7 +52,7 @@ def corrupt_depth(
     if sigma := _draw(noise.wandering, rng):
         depth, ids = wander_edges(depth, ids, sigma, rng)
     if sigma := noise.disparity_noise.draw(rng):
-        depth = add_disparity_noise(depth, focal, sigma, rng, noise.baseline)
+        depth = add_disparity_noise(depth, focal, sigma, rng, noise.baseline, noise.window)
     if sigma := _draw(noise.ripple, rng):
         depth = add_disparity_noise(depth, focal, sigma, rng, noise.baseline, RIPPLE_PITCH)
     if step := noise.disparity_step.draw(rng):

@@ -12,10 +12,8 @@ from icgnet.sensors.config import BASELINE
 from icgnet.sensors.fields import LOSS, image_field
 from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
-MATCHING_PITCH = 5
-"""Neighbouring pixels share most of their matching window, and so their errors [pixels]."""
-RIPPLE_PITCH = 20
-"""Surfaces are wavy over about so many pixels as well: calibration and the pattern itself."""
+RIPPLE_PITCH = 25
+"""Surfaces are wavy over about so many pixels as well: from calibration and the pattern itself."""
 PATCH_PITCH = 12
 """Edges are fattened in patches of about this size [pixels]."""
 GRAZING_SPREAD = 0.05
@@ -28,7 +26,7 @@ def add_disparity_noise(
     sigma: float,
     rng: np.random.Generator,
     baseline: float = BASELINE,
-    pitch: int = MATCHING_PITCH,
+    window: int = 5,
 ) -> Float[np.ndarray, "h w"]:
     """Depth with errors of the disparity, alike within some pixels, so that they grow with the depth squared.
 
@@ -40,9 +38,10 @@ def add_disparity_noise(
         sigma: standard deviation of the disparity [pixels].
         rng: source of the draws.
         baseline: distance of the two cameras [m].
-        pitch: distance after which errors have nothing to do with each other [pixels]; that of a matching window.
+        window: neighbours share most of their matching window, and so their errors, about as far as this [pixels].
     """
-    noise = image_field((depth.shape[0], depth.shape[1]), sigma / LOSS, pitch, rng)
+    samples = sigma / LOSS if window > 1 else sigma
+    noise = image_field((depth.shape[0], depth.shape[1]), samples, window, rng)
     return depth / np.maximum(1 + depth * noise * np.float32(1 / (focal * baseline)), np.float32(0.1))
 
 

@@ -6,7 +6,6 @@ The light that a pixel gets back falls with the distance squared and with the co
 import numpy as np
 from jaxtyping import Float, Int
 
-from icgnet.geometry.camera import pixel_rays
 from icgnet.sensors.fields import stretch
 from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
@@ -123,7 +122,9 @@ def add_multipath(
     pitch = max(1, round(float(intrinsics[0, 0]) * BOUNCE_ANGLE))
     rows, columns = (np.arange(0, edge + 2 * pitch, pitch) for edge in depth.shape)
     coarse = np.ix_(np.minimum(rows, depth.shape[0] - 1), np.minimum(columns, depth.shape[1] - 1))
-    rays = pixel_rays(intrinsics, (depth.shape[0], depth.shape[1])).astype(np.float32)[coarse]
+    (fx, _, cx), (_, fy, cy), _ = intrinsics
+    rays = np.ones((len(rows), len(columns), 3), dtype=np.float32)
+    rays[..., 0], rays[..., 1] = (coarse[1] - cx) / fx, (coarse[0] - cy) / fy
     longer = _longer_way(rays * depth[coarse][..., None], pitch / float(intrinsics[0, 0]), albedo)
     error = longer / np.linalg.norm(rays, axis=-1)
     fine = stretch(stretch(error.T, np.arange(depth.shape[1]) / pitch).T, np.arange(depth.shape[0]) / pitch)
@@ -141,7 +142,7 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
     normals = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), np.float32(1e-9))
     distance = np.linalg.norm(points, axis=-1)
-    cosine = np.maximum(-(normals * points).sum(-1) / np.maximum(distance, 1e-3), LEAST_COSINE)
+    cosine = np.maximum(-_along(normals, points) / np.maximum(distance, 1e-3), LEAST_COSINE)
     light, moment = np.zeros_like(distance), np.zeros_like(distance)
     reach = max(RINGS)
     padded = [np.pad(each, [(reach, reach)] * 2 + [(0, 0)] * (each.ndim - 2)) for each in (points, normals, distance)]
@@ -154,14 +155,19 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
                 window = tuple(slice(start, start + size) for start, size in zip(first, distance.shape, strict=True))
                 other, other_normal, other_distance = (each[window] for each in padded)
                 way = other - points
-                length = np.maximum(np.sqrt((way * way).sum(-1)), np.float32(1e-3))
-                leaving = np.maximum((normals * way).sum(-1), 0.0) / length
-                arriving = np.maximum(-(other_normal * way).sum(-1), 0.0) / length
+                length = np.maximum(np.sqrt(_along(way, way)), np.float32(1e-3))
+                leaving = np.maximum(_along(normals, way), 0.0) / length
+                arriving = np.maximum(-_along(other_normal, way), 0.0) / length
                 share = leaving * arriving / (length * length) * (other_distance > 0)
                 share *= np.float32(albedo / np.pi) * solid_angle * distance * distance / cosine
                 light += share
                 moment += share * np.maximum(other_distance + length - distance, 0.0) / 2
     return moment / (1 + light)
+
+
+def _along(one: Float[np.ndarray, "h w 3"], other: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
+    """Dot product of each pair of vectors."""
+    return np.einsum("hwi,hwi->hw", one, other)
 
 
 def _spread(image: Float[np.ndarray, "h w"], side: np.float32, axis: int) -> Float[np.ndarray, "h w"]:

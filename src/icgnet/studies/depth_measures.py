@@ -41,6 +41,7 @@ class FrameMeasures:
     """Of one depth image; None where it shows too little of something.
 
     Attributes:
+        smaller: by how much the image is smaller than the sensor's own.
         distance: median depth [m].
         tilt: median angle between line of sight and normal of flat parts [degrees].
         noise: median standard deviation from the plane of a window of 15 pixels, over the depth squared [mm/m^2].
@@ -56,6 +57,7 @@ class FrameMeasures:
         ragged: standard deviation by which edges of neighbouring rows are displaced [pixels].
     """
 
+    smaller: int
     distance: float
     tilt: float | None
     noise: float | None
@@ -132,8 +134,10 @@ def measure_frame(
     left, right = (edges.right == side for side in (False, True))
     enough = min(left.sum(), right.sum()) >= FEWEST_EDGES
     lit, shadow = sorted((edges.holes[left].mean(), edges.holes[right].mean())) if enough else (0.0, 0.0)
-    wide = (1 / edges.near - 1 / edges.far) * float(intrinsics[0, 0])
+    shaded = right if enough and edges.holes[right].mean() > edges.holes[left].mean() else left
+    wide = (1 / edges.near - 1 / edges.far)[shaded] * float(intrinsics[0, 0])
     measures = FrameMeasures(
+        max(1, round(scale)),
         distance,
         float(np.median(tilt)) if flat else None,
         float(np.median(noise)) if flat else None,
@@ -144,7 +148,7 @@ def measure_frame(
         holes_inside(depth),
         float(shadow * scale) if enough else None,
         float(lit * scale) if enough else None,
-        float((shadow - lit) / wide.mean()) if enough else None,
+        float(np.median((edges.holes[shaded] - lit) / wide)) if enough else None,
         float(edges.flying.mean() * scale) if enough else None,
         _raggedness(edges, max(1, round(1 / scale)), scale),
     )

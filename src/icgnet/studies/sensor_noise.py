@@ -14,7 +14,7 @@ from icgnet.benchmark.labelled_frames import find_frames, read_frame
 from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import DataError
 from icgnet.geometry.camera import sphere_pose
-from icgnet.geometry.workspace import CENTRE
+from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.objects.kinds import CUBE_KINDS
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.sensors.config import CAMERAS, CameraModel
@@ -27,7 +27,7 @@ from icgnet.studies.depth_measures import FrameMeasures, FrameSamples, measure_f
 from icgnet.studies.measured import Quantiles
 from icgnet.viewer.noise_histograms import HistogramRow, draw_histograms
 
-TARGET = np.array([CENTRE[0], CENTRE[1], 0.10])
+TARGET = np.array([CENTRE[0], CENTRE[1], TABLE_HEIGHT])
 """What simulated cameras look at, world frame [m]."""
 OBJECTS = 6
 USUAL_TILT = 45.0
@@ -138,11 +138,12 @@ def simulate(
         scene = spawn_scene(CUBE_KINDS[number % 2], object_set, config.split, rng, OBJECTS)
         tilt = np.deg2rad(USUAL_TILT if frame.tilt is None else frame.tilt)
         pose = sphere_pose(TARGET, frame.distance, float(tilt), rng.uniform(0, 2 * np.pi))
-        renderer = SceneRenderer(*scene_triangles(scene, object_set))
-        image = corrupt_depth(
-            renderer.render(camera.intrinsics, camera.shape, pose), camera.intrinsics, camera.noise, rng
-        )
-        result.append(measure_frame(image.depth.astype(np.float64), camera.intrinsics, camera.focal))
+        image = SceneRenderer(*scene_triangles(scene, object_set)).render(camera.intrinsics, camera.shape, pose)
+        depth = corrupt_depth(image, camera.intrinsics, camera.noise, rng).depth.astype(np.float64)
+        # As whoever took the frames made them smaller, if they did.
+        intrinsics = camera.intrinsics
+        intrinsics[:2] /= frame.smaller
+        result.append(measure_frame(depth[:: frame.smaller, :: frame.smaller], intrinsics, camera.focal))
     return result
 
 
