@@ -21,7 +21,7 @@ FILTER_GAIN = 256.0 / 70.0
 them smaller."""
 BOUNCE_ANGLE = 0.012
 """Light bounces between patches of this size, seen from the camera [rad]."""
-RINGS = (1, 2, 4, 8)
+RINGS = (1, 2, 4, 8, 16)
 """Distances of the patches from which light bounces to a patch [patches]; each ring has eight."""
 
 
@@ -112,7 +112,7 @@ def add_multipath(
     One bounce between matt patches. The camera sees the mean of the direct and the longer way, weighted by their light.
 
     Source: Fuchs, "Multipath interference compensation in time-of-flight camera images" (2010); Jimenez et al. 2014.
-    Differs: only patches within about ten degrees are asked, in eight directions and at four distances.
+    Differs: only patches within about ten degrees are asked, in eight directions and at five distances.
 
     Args:
         depth: depth image [m].
@@ -139,7 +139,7 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
         angle: size of a patch, seen from the camera [rad].
         albedo: share of the light that the surfaces send on.
     """
-    normals = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+    normals = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), np.float32(1e-9))
     distance = np.linalg.norm(points, axis=-1)
     cosine = np.maximum(-_along(normals, points) / np.maximum(distance, 1e-3), LEAST_COSINE)
