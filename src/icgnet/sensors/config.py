@@ -103,21 +103,23 @@ class SensorNoise:
 
 RARELY_DARK = Amount(0.1, 0.5, probability=0.25)
 STEREO = SensorNoise(
-    fattening=Amount(1.0, 2.0),
+    fattening=Amount(0.6, 1.8),
     shadow=exactly(1.0),
     grazing=Amount(0.0, 0.08),
     spots=up_to(0.7),
     dark=RARELY_DARK,
-    disparity_noise=Amount(0.02, 0.10),
+    disparity_noise=Amount(0.03, 0.12),
     ripple=Amount(0.03, 0.15),
     disparity_step=exactly(1 / 32),
-    smoothing=Amount(0.0, 2.0),
+    smoothing=Amount(0.0, 3.0),
     flying=up_to(0.4),
     depth_unit=exactly(0.001),
-    window=9,
+    window=12,
     colour=-0.015,
 )
 """A RealSense D400 from 0.35 to 1.4 m, its depth aligned to its colour."""
+D415 = replace(STEREO, baseline=0.055, depth_unit=exactly(0.0001))
+"""A D415 that stores depth as finely as it can be told to."""
 STRUCTURED_LIGHT = SensorNoise(
     shadow=exactly(1.0),
     grazing=Amount(0.05, 0.15),
@@ -148,7 +150,7 @@ PHOXI = replace(
 """A Photoneo PhoXi, which finds each pixel by itself in a sequence of patterns."""
 TIME_OF_FLIGHT = SensorNoise(
     shadow=exactly(1.0),
-    grazing=Amount(0.0, 0.08),
+    grazing=Amount(0.05, 0.12),
     spots=up_to(0.7),
     dark=RARELY_DARK,
     multipath=Amount(0.1, 0.5),
@@ -234,8 +236,8 @@ CAMERAS = {
     for camera in (
         CameraModel("d435", (720, 1280), 640.0, STEREO),
         CameraModel("d435_vga", (480, 640), 385.0, STEREO),
-        CameraModel("d415", (720, 1280), 925.0, replace(STEREO, baseline=0.055)),
-        CameraModel("d415_vga", (480, 640), 615.0, replace(STEREO, baseline=0.055)),
+        CameraModel("d415", (720, 1280), 925.0, D415),
+        CameraModel("d415_vga", (480, 640), 615.0, D415),
         CameraModel("kinect_v1", (480, 640), 580.0, STRUCTURED_LIGHT),
         CameraModel("primesense", (480, 640), 540.0, STRUCTURED_LIGHT),
         CameraModel("phoxi", (772, 1032), 1105.0, PHOXI),

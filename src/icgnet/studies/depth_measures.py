@@ -167,10 +167,10 @@ def flat_windows(
     whole = (windows > 0).all(axis=(1, 2))
     windows, slopes = windows[whole], slopes[whole]
     # On a plane the inverse depth is linear in the rays.
-    inverse = (1 / windows).reshape(len(windows), -1, 1)
-    design = slopes.reshape(len(windows), -1, 3)
+    inverse = (1 / windows).reshape(len(windows), edge * edge, 1)
+    design = slopes.reshape(len(windows), edge * edge, 3)
     gram = design.swapaxes(1, 2) @ design
-    normals = np.linalg.solve(gram, design.swapaxes(1, 2) @ inverse) if len(windows) else np.zeros((0, 3, 1))
+    normals = np.linalg.solve(gram, design.swapaxes(1, 2) @ inverse)
     errors = windows - 1 / np.maximum((design @ normals).reshape(windows.shape), 1e-3)
     mean = windows.mean(axis=(1, 2))
     noise = np.sqrt((errors**2).mean(axis=(1, 2))) / mean**2

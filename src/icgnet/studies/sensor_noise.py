@@ -54,7 +54,7 @@ PANELS = {
     "noise": "noise of flat parts [mm/m²]",
     "alike": "correlation 4 pixels apart",
     "holes": "without depth at an edge [pixels]",
-    "flying": "between the surfaces of an edge [pixels]",
+    "flying": "between surfaces [pixels]",
 }
 """Title of each histogram."""
 

@@ -39,6 +39,12 @@ def draw_histograms(rows: Sequence[HistogramRow], path: str | Path) -> None:
     """
     if not rows:
         raise InputError("histograms need at least one camera, got none")
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    histogram_figure(rows).savefig(path, dpi=80)
+
+
+def histogram_figure(rows: Sequence[HistogramRow]) -> Figure:
+    """The pairs of histograms, row by row."""
     columns = list(rows[0].ours)
     figure = Figure((PANEL_INCHES[0] * len(columns), PANEL_INCHES[1] * len(rows) + 0.4), layout="constrained")
     panels = figure.subplots(len(rows), len(columns), squeeze=False)
@@ -57,5 +63,4 @@ def draw_histograms(rows: Sequence[HistogramRow], path: str | Path) -> None:
     for name, panel in zip(columns, panels[0], strict=True):
         panel.set_title(name, fontsize="medium")
     panels[0, 0].legend(fontsize="small")
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=80)
+    return figure
