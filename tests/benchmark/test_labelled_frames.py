@@ -41,6 +41,15 @@ def test_a_frame_with_labels_is_read(folder):
     np.testing.assert_array_equal(frame.labels, LABELS)
     assert (frame.camera_pose, frame.clicks, frame.colour) == (None, None, None)
     assert frame.subset == folder.name
+    assert frame.camera is None
+
+
+def test_the_name_of_the_camera_is_read_and_that_of_the_frame_goes_first(folder):
+    write_frame(folder, "other", labelled=True)
+    (folder / "camera.json").write_text(json.dumps({"camera": "d435"}))
+    described = json.loads((folder / "seen.json").read_text())
+    (folder / "seen.json").write_text(json.dumps({**described, "camera": "kinect_v1"}))
+    assert {name: frame.camera for name, frame in read(folder).items()} == {"seen": "kinect_v1", "other": "d435"}
 
 
 def test_an_npz_with_clicks_is_read(clicked):

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, pixel_rays
+from icgnet.sensors.config import BASELINE
 from icgnet.sensors.stereo import (
-    BASELINE,
+    RIPPLE_PITCH,
     add_disparity_noise,
     fatten_edges,
     grazing_pixels,
@@ -35,6 +36,15 @@ def test_disparity_noise_is_the_error_of_a_stereo_pair_and_alike_for_neighbours(
     assert abs(correlation[2]) < 0.1
 
 
+@pytest.mark.parametrize("window", [1, 9, RIPPLE_PITCH])
+def test_disparity_noise_is_alike_within_the_window_and_as_large_for_all(window, rng):
+    errors = add_disparity_noise(np.full((400, 400), 0.8, np.float32), FOCAL, 0.1, rng, 0.075, window) - 0.8
+    assert errors.std() == pytest.approx(0.8**2 * 0.1 / (FOCAL * 0.075), rel=0.1)
+    alike = [np.corrcoef(errors[:, :-lag].ravel(), errors[:, lag:].ravel())[0, 1] for lag in (1, 2 * window)]
+    assert (alike[0] > 0.9) == (window > 1)
+    assert abs(alike[1]) < 0.2
+
+
 def test_disparity_noise_leaves_unmeasured_pixels(rng):
     depth = pole()
     depth[5] = 0.0
@@ -60,6 +70,19 @@ def test_the_shadow_lies_to_the_left_of_a_near_object_and_is_as_wide_as_the_disp
     mirrored = np.flatnonzero(stereo_shadow(pole(), FOCAL, mirrored=True).all(axis=0))
     assert mirrored.min() == 90
     assert len(mirrored) == len(columns)
+
+
+@pytest.mark.parametrize("baseline", [0.03, 0.075])
+def test_shadows_are_as_wide_as_the_baseline_makes_them(baseline):
+    hidden = stereo_shadow(pole(), FOCAL, mirrored=True, baseline=baseline).all(axis=0)
+    assert np.flatnonzero(hidden).min() == 90
+    assert hidden.sum() == pytest.approx(FOCAL * baseline * (1 / 0.5 - 1 / 0.7), abs=1)
+
+
+def test_steps_of_the_kinect_are_the_published_ones():
+    # Khoshelham and Elberink 2012: about 2.9 mm at 1 m, 1/8 pixel at 580 pixels and 75 mm.
+    levels = np.unique(quantise_disparity(np.linspace(0.95, 1.05, 5000)[None], 580.0, 1 / 8, 0.075))
+    assert np.diff(levels).mean() == pytest.approx(0.00287, rel=0.02)
 
 
 def test_a_flat_or_tilted_surface_casts_no_shadow():

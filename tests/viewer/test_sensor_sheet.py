@@ -13,11 +13,11 @@ def box_cloud(caption, owner=0, count=4000):
     rng = np.random.default_rng(0)
     points = rng.uniform([0.12, 0.12, 0.05], [0.18, 0.18, 0.11], (count, 3))
     points[np.arange(count), rng.integers(0, 3, count)] = 0.12
-    return SeenCloud(caption, points, np.full(count, owner), np.array([0.15, -0.3, 0.5]))
+    return SeenCloud(caption, points, np.full(count, owner), np.array([0.15, -0.3, 0.5]), 0.0011)
 
 
 def test_every_cloud_has_its_panel(tmp_path):
-    empty = SeenCloud("empty", np.zeros((0, 3)), np.zeros(0, int), np.array([0.15, -0.3, 0.5]))
+    empty = SeenCloud("empty", np.zeros((0, 3)), np.zeros(0, int), np.array([0.15, -0.3, 0.5]), 0.0011)
     draw_sensor_sheet([box_cloud("first"), box_cloud("other colours", 2), empty], tmp_path / "a.png", PANEL)
     with Image.open(tmp_path / "a.png") as image:
         sheet = np.asarray(image.convert("RGB")).astype(int)

@@ -83,6 +83,7 @@ class LabelledFrame:
         labels: object of each pixel from 1 on without gaps, 0 for none; None if there are clicks.
         clicks: None if there are labels.
         colour: the colour image in the size of the depth image, if there is one.
+        camera: name of the camera, if it was said.
     """
 
     name: str
@@ -93,6 +94,7 @@ class LabelledFrame:
     labels: Int[np.ndarray, "h w"] | None = None
     clicks: Clicks | None = None
     colour: UInt8[np.ndarray, "h w 3"] | None = field(default=None, repr=False)
+    camera: str | None = None
 
 
 def find_frames(folder: Path) -> list[FramePath]:
@@ -144,6 +146,7 @@ def read_frame(path: FramePath, pose: bool = True) -> LabelledFrame:
         _read_labels(labels, depth.shape) if labels.is_file() else None,
         _read_clicks(clicks, depth.shape) if clicks.is_file() else None,
         None if colour is None else _read_image(colour, "RGB", depth.shape),
+        None if camera.get("camera") is None else str(camera["camera"]),
     )
 
 

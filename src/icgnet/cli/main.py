@@ -41,6 +41,7 @@ COMMANDS = {
     "study hands": ("study:Hands", "How hands close on objects whose widths are known."),
     "study label-ceiling": ("study:LabelCeiling", "The best that scores of grasps can reach."),
     "study loader": ("study:Loader", "How many scenes a second one core makes ready for training."),
+    "study sensor-noise": ("study:SensorNoise", "Noise and edges of real depth images beside simulated ones."),
     "study training-speed": ("study:TrainingSpeed", "Where the time of a training step goes."),
     "simulate": ("simulate:Simulate", "Take a noisy depth image of a simulated scene."),
     "sensors": ("sensors:Sensors", "Draw what each sensor model does to the cloud of a simulated scene."),

@@ -12,7 +12,7 @@ from icgnet.objects.kinds import Kind, Split
 
 @dataclass(frozen=True)
 class Sensors:
-    """Draw what each sensor model does to the cloud of a simulated scene: every error alone, then the presets."""
+    """Draw what each sensor model does to the cloud of a simulated scene: every error alone, presets, and cameras."""
 
     out: Path
     """File to write, ending in .png."""
@@ -47,13 +47,15 @@ class Sensors:
         import numpy as np
 
         from icgnet.simulation.scenes import spawn_scene
-        from icgnet.training.gallery import sense_gallery, take_gallery_picture
+        from icgnet.training.gallery import make_gallery
         from icgnet.viewer.sensor_sheet import SeenCloud, draw_sensor_sheet
 
         object_set = load_objects(self.objects)
         scene = spawn_scene(self.scene, object_set, self.split, np.random.default_rng(self.seed), self.count)
-        picture = take_gallery_picture(scene, object_set, np.deg2rad(self.polar))
-        gallery = sense_gallery(picture, self.seed)
-        clouds = [SeenCloud(caption, seen.points, seen.owners, seen.viewpoint) for caption, seen in gallery.items()]
+        gallery = make_gallery(scene, object_set, np.deg2rad(self.polar), self.seed)
+        clouds = [
+            SeenCloud(each.caption, each.cloud.points, each.cloud.owners, each.cloud.viewpoint, each.spacing)
+            for each in gallery
+        ]
         draw_sensor_sheet(clouds, self.out, self.panel)
         Console().print(f"{self.out}: {len(scene.objects)} objects as seen by many sensors", soft_wrap=True)

@@ -1,11 +1,18 @@
 """`icgnet study`: measurements that explain the numbers of the benchmark, one subcommand each."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
+from types import ModuleType
+from typing import Annotated, Any
 
 from icgnet.cli.measurement import Flat, Measurement
-from icgnet.studies.config import HandsConfig, LabelCeilingConfig, LoaderConfig, SimulationConfig, TrainingSpeedConfig
+from icgnet.studies.config import (
+    HandsConfig,
+    LabelCeilingConfig,
+    LoaderConfig,
+    SensorNoiseConfig,
+    SimulationConfig,
+    TrainingSpeedConfig,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,3 +62,19 @@ class TrainingSpeed(Measurement):
     config: Annotated[TrainingSpeedConfig, Flat]
 
     kind, module = "training-speed", "icgnet.studies.training_speed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorNoise(Measurement):
+    """Noise, holes and edges of real depth images beside those of simulated ones of the same cameras."""
+
+    config: Annotated[SensorNoiseConfig, Flat]
+
+    kind, module = "sensor-noise", "icgnet.studies.sensor_noise"
+
+    def measure(self, module: ModuleType) -> Any:
+        """The numbers; histograms go into the folder of the report as well."""
+        numbers = super().measure(module)
+        if self.out is not None:
+            module.draw(numbers, self.out / "sensor_noise.png")
+        return numbers

@@ -41,7 +41,7 @@ class SensorNoise:
 
     Attributes:
         fattening: pixels by which near surfaces grow over what is behind them.
-        shadow: above 0, pixels that the second camera of a stereo pair cannot see are lost.
+        shadow: above 0, pixels are lost that the second camera, or the light of the projector, cannot see.
         grazing: cosine between line of sight and normal below which pixels are lost.
         spots: round holes in the image.
         dark: share of the objects that send too little light back from a part of them.
@@ -51,6 +51,7 @@ class SensorNoise:
         blending: standard deviation of the spread of a point's light [pixels].
         wandering: standard deviation by which pixels of depth edges are displaced [pixels].
         disparity_noise: standard deviation of the disparity [pixels].
+        ripple: the same over a larger distance, as waves of flat surfaces [pixels].
         disparity_step: smallest step of the disparity [pixels].
         smoothing: passes of an edge-preserving filter.
         flying: share of the pixels at depth edges that lie between the surfaces.
@@ -62,6 +63,9 @@ class SensorNoise:
         deformation: standard deviation of a smooth displacement of the cloud [m].
         gaussian: standard deviation of independent noise on the points [m].
         baseline: distance of the two cameras, or of camera and projector [m].
+        window: errors of the disparity are alike within about so many pixels.
+        colour: where the depth image is warped to that of a colour camera: how far that is from the camera, towards the
+            second one or the projector [m]. Only the shadows know of it, since pixels must be seen from all places.
         one_of: if there are any, one of these is drawn for each picture, and all else here is not used.
     """
 
@@ -86,7 +90,10 @@ class SensorNoise:
     shot_noise: Amount = NEVER
     blending: Amount = NEVER
     wandering: Amount = NEVER
+    ripple: Amount = NEVER
     baseline: float = BASELINE
+    window: int = 5
+    colour: float = 0.0
     one_of: tuple["SensorNoise", ...] = ()
 
     def pick(self, rng: np.random.Generator) -> "SensorNoise":
@@ -94,51 +101,69 @@ class SensorNoise:
         return self.one_of[rng.integers(len(self.one_of))] if self.one_of else self
 
 
+RARELY_DARK = Amount(0.1, 0.5, probability=0.25)
 STEREO = SensorNoise(
-    fattening=Amount(1.0, 2.0),
+    fattening=Amount(0.6, 1.8),
     shadow=exactly(1.0),
-    grazing=Amount(0.10, 0.20),
-    spots=up_to(4.0),
-    dark=up_to(0.1),
-    disparity_noise=Amount(0.05, 0.25),
+    grazing=Amount(0.0, 0.08),
+    spots=up_to(0.7),
+    dark=RARELY_DARK,
+    disparity_noise=Amount(0.03, 0.12),
+    ripple=Amount(0.03, 0.15),
     disparity_step=exactly(1 / 32),
-    smoothing=Amount(0.0, 2.0),
+    smoothing=Amount(0.0, 3.0),
     flying=up_to(0.4),
     depth_unit=exactly(0.001),
+    window=12,
+    colour=-0.015,
 )
-"""A RealSense D400 from 0.35 to 1.4 m."""
+"""A RealSense D400 from 0.35 to 1.4 m, its depth aligned to its colour."""
+D415 = replace(STEREO, baseline=0.055, depth_unit=exactly(0.0001))
+"""A D415 that stores depth as finely as it can be told to."""
 STRUCTURED_LIGHT = SensorNoise(
     shadow=exactly(1.0),
-    grazing=Amount(0.10, 0.25),
-    spots=up_to(4.0),
-    dark=up_to(0.2),
-    wandering=Amount(0.6, 1.0),
-    disparity_noise=Amount(0.04, 0.10),
+    grazing=Amount(0.05, 0.15),
+    spots=up_to(0.7),
+    dark=RARELY_DARK,
+    wandering=Amount(0.6, 1.1),
+    disparity_noise=Amount(0.08, 0.12),
+    ripple=Amount(0.01, 0.04),
     disparity_step=exactly(1 / 8),
     depth_unit=exactly(0.001),
     baseline=0.075,
+    window=8,
+    colour=0.025,
 )
-"""A Kinect of 2010, or another camera with the sensor of Primesense."""
+"""A Kinect of 2010, or another camera with the sensor of Primesense, its depth aligned to its colour."""
 PHOXI = replace(
     STRUCTURED_LIGHT,
-    wandering=up_to(0.5),
-    disparity_noise=Amount(0.03, 0.06),
+    dark=Amount(0.2, 0.6),
+    wandering=Amount(0.6, 1.2),
+    disparity_noise=Amount(0.05, 0.10),
+    ripple=Amount(0.10, 0.20),
     disparity_step=NEVER,
     depth_unit=exactly(0.0001),
     baseline=0.2,
+    colour=0.0,
+    window=1,
 )
 """A Photoneo PhoXi, which finds each pixel by itself in a sequence of patterns."""
 TIME_OF_FLIGHT = SensorNoise(
-    grazing=Amount(0.05, 0.15),
-    spots=up_to(2.0),
-    dark=up_to(0.2),
+    shadow=exactly(1.0),
+    grazing=Amount(0.05, 0.12),
+    spots=up_to(0.7),
+    dark=RARELY_DARK,
     multipath=Amount(0.1, 0.5),
     wiggle=up_to(0.004),
-    shot_noise=Amount(0.001, 0.002),
-    blending=Amount(0.4, 0.7),
+    shot_noise=Amount(0.0015, 0.0035),
+    blending=Amount(0.5, 0.7),
+    flying=up_to(0.4),
+    field=Amount(0.0005, 0.0015),
     depth_unit=exactly(0.001),
+    baseline=0.0,
+    colour=0.032,
 )
-"""A Kinect of 2013, or an Azure Kinect."""
+"""A Kinect of 2013, or an Azure Kinect, its depth aligned to its colour; the light comes from beside the lens."""
 
 NOISES = {
     "clean": SensorNoise(),
@@ -211,8 +236,8 @@ CAMERAS = {
     for camera in (
         CameraModel("d435", (720, 1280), 640.0, STEREO),
         CameraModel("d435_vga", (480, 640), 385.0, STEREO),
-        CameraModel("d415", (720, 1280), 925.0, replace(STEREO, baseline=0.055)),
-        CameraModel("d415_vga", (480, 640), 615.0, replace(STEREO, baseline=0.055)),
+        CameraModel("d415", (720, 1280), 925.0, D415),
+        CameraModel("d415_vga", (480, 640), 615.0, D415),
         CameraModel("kinect_v1", (480, 640), 580.0, STRUCTURED_LIGHT),
         CameraModel("primesense", (480, 640), 540.0, STRUCTURED_LIGHT),
         CameraModel("phoxi", (772, 1032), 1105.0, PHOXI),

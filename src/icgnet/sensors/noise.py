@@ -13,6 +13,7 @@ from icgnet.sensors.cloud import deform, erased_blocks, jitter
 from icgnet.sensors.config import NEVER, Amount, SensorNoise
 from icgnet.sensors.image import add_error_field, apply_gain, fly_pixels, round_depth, round_spots, smooth
 from icgnet.sensors.stereo import (
+    RIPPLE_PITCH,
     add_disparity_noise,
     fatten_edges,
     grazing_pixels,
@@ -51,7 +52,9 @@ def corrupt_depth(
     if sigma := _draw(noise.wandering, rng):
         depth, ids = wander_edges(depth, ids, sigma, rng)
     if sigma := noise.disparity_noise.draw(rng):
-        depth = add_disparity_noise(depth, focal, sigma, rng, noise.baseline)
+        depth = add_disparity_noise(depth, focal, sigma, rng, noise.baseline, noise.window)
+    if sigma := _draw(noise.ripple, rng):
+        depth = add_disparity_noise(depth, focal, sigma, rng, noise.baseline, RIPPLE_PITCH)
     if step := noise.disparity_step.draw(rng):
         depth = quantise_disparity(depth, focal, step, noise.baseline)
     if passes := round(noise.smoothing.draw(rng)):
@@ -79,7 +82,10 @@ def _lost_pixels(
     depth = image.depth
     lost = np.zeros(depth.shape, dtype=bool)
     if noise.shadow.draw(rng):
-        lost |= stereo_shadow(depth, float(intrinsics[0, 0]), bool(rng.random() < 0.5), noise.baseline)
+        mirrored = bool(rng.random() < 0.5)
+        for place in (noise.baseline - noise.colour, -noise.colour):
+            if place:
+                lost |= stereo_shadow(depth, float(intrinsics[0, 0]), mirrored != (place < 0), abs(place))
     if cosine := noise.grazing.draw(rng):
         lost |= grazing_pixels(depth, intrinsics, cosine, rng)
     if count := round(noise.spots.draw(rng)):

@@ -12,8 +12,8 @@ from icgnet.sensors.config import BASELINE
 from icgnet.sensors.fields import LOSS, image_field
 from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
-MATCHING_PITCH = 5
-"""Neighbouring pixels share most of their matching window, and so their errors [pixels]."""
+RIPPLE_PITCH = 25
+"""Surfaces are wavy over about so many pixels as well: from calibration and the pattern itself."""
 PATCH_PITCH = 12
 """Edges are fattened in patches of about this size [pixels]."""
 GRAZING_SPREAD = 0.05
@@ -21,9 +21,14 @@ GRAZING_SPREAD = 0.05
 
 
 def add_disparity_noise(
-    depth: Float[np.ndarray, "h w"], focal: float, sigma: float, rng: np.random.Generator, baseline: float = BASELINE
+    depth: Float[np.ndarray, "h w"],
+    focal: float,
+    sigma: float,
+    rng: np.random.Generator,
+    baseline: float = BASELINE,
+    window: int = 5,
 ) -> Float[np.ndarray, "h w"]:
-    """Depth with errors of the disparity, alike within a matching window, so that they grow with the depth squared.
+    """Depth with errors of the disparity, alike within some pixels, so that they grow with the depth squared.
 
     Source: depth error = depth^2 * subpixel / (focal * baseline); Intel names a subpixel error of 0.03 to 0.08 pixels.
 
@@ -33,8 +38,10 @@ def add_disparity_noise(
         sigma: standard deviation of the disparity [pixels].
         rng: source of the draws.
         baseline: distance of the two cameras [m].
+        window: neighbours share most of their matching window, and so their errors, about as far as this [pixels].
     """
-    noise = image_field((depth.shape[0], depth.shape[1]), sigma / LOSS, MATCHING_PITCH, rng)
+    samples = sigma / LOSS if window > 1 else sigma
+    noise = image_field((depth.shape[0], depth.shape[1]), samples, window, rng)
     return depth / np.maximum(1 + depth * noise * np.float32(1 / (focal * baseline)), np.float32(0.1))
 
 

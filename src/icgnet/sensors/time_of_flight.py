@@ -6,7 +6,6 @@ The light that a pixel gets back falls with the distance squared and with the co
 import numpy as np
 from jaxtyping import Float, Int
 
-from icgnet.geometry.camera import pixel_rays
 from icgnet.sensors.fields import stretch
 from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
@@ -17,9 +16,12 @@ LEAST_COSINE = 0.1
 """Surfaces are not seen more from their side than this: pixels at depth edges have no incidence of their own."""
 DIMMEST = 0.25
 """Objects send back from this share of the light to all of it."""
+FILTER_GAIN = 256.0 / 70.0
+"""Takes back by how much weights 1, 4, 6, 4, 1 along rows and along columns, which the errors are averaged with, make
+them smaller."""
 BOUNCE_ANGLE = 0.012
 """Light bounces between patches of this size, seen from the camera [rad]."""
-RINGS = (1, 2, 4, 8)
+RINGS = (1, 2, 4, 8, 16)
 """Distances of the patches from which light bounces to a patch [patches]; each ring has eight."""
 
 
@@ -30,7 +32,7 @@ def add_shot_noise(
     sigma: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "h w"]:
-    """Depth with errors of their own for each pixel, the larger the less light comes back.
+    """Depth with errors that are the larger the less light comes back, alike within what the camera's filter averages.
 
     Standard deviation: `sigma` times the distance [m], over the root of the cosine of the incidence and of the share of
     light that the object sends back.
@@ -51,6 +53,9 @@ def add_shot_noise(
     cosine = np.maximum(depth / np.maximum(normal * ray, np.float32(1e-9)), np.float32(LEAST_COSINE))
     light = brightness[np.where(ids >= 0, ids, objects)] * cosine
     noise = rng.standard_normal(depth.shape, dtype=np.float32)
+    for axis in (0, 0, 1, 1):
+        noise = _spread(noise, np.float32(0.25), axis)
+    noise *= np.float32(FILTER_GAIN)
     return depth * np.maximum(1 + np.float32(sigma) * noise / np.sqrt(light), np.float32(0.1))
 
 
@@ -107,7 +112,7 @@ def add_multipath(
     One bounce between matt patches. The camera sees the mean of the direct and the longer way, weighted by their light.
 
     Source: Fuchs, "Multipath interference compensation in time-of-flight camera images" (2010); Jimenez et al. 2014.
-    Differs: only patches within about ten degrees are asked, in eight directions and at four distances.
+    Differs: only patches within about ten degrees are asked, in eight directions and at five distances.
 
     Args:
         depth: depth image [m].
@@ -117,7 +122,9 @@ def add_multipath(
     pitch = max(1, round(float(intrinsics[0, 0]) * BOUNCE_ANGLE))
     rows, columns = (np.arange(0, edge + 2 * pitch, pitch) for edge in depth.shape)
     coarse = np.ix_(np.minimum(rows, depth.shape[0] - 1), np.minimum(columns, depth.shape[1] - 1))
-    rays = pixel_rays(intrinsics, (depth.shape[0], depth.shape[1])).astype(np.float32)[coarse]
+    (fx, _, cx), (_, fy, cy), _ = intrinsics
+    rays = np.ones((len(rows), len(columns), 3), dtype=np.float32)
+    rays[..., 0], rays[..., 1] = (coarse[1] - cx) / fx, (coarse[0] - cy) / fy
     longer = _longer_way(rays * depth[coarse][..., None], pitch / float(intrinsics[0, 0]), albedo)
     error = longer / np.linalg.norm(rays, axis=-1)
     fine = stretch(stretch(error.T, np.arange(depth.shape[1]) / pitch).T, np.arange(depth.shape[0]) / pitch)
@@ -132,10 +139,10 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
         angle: size of a patch, seen from the camera [rad].
         albedo: share of the light that the surfaces send on.
     """
-    normals = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+    normals = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), np.float32(1e-9))
     distance = np.linalg.norm(points, axis=-1)
-    cosine = np.maximum(-(normals * points).sum(-1) / np.maximum(distance, 1e-3), LEAST_COSINE)
+    cosine = np.maximum(-_along(normals, points) / np.maximum(distance, 1e-3), LEAST_COSINE)
     light, moment = np.zeros_like(distance), np.zeros_like(distance)
     reach = max(RINGS)
     padded = [np.pad(each, [(reach, reach)] * 2 + [(0, 0)] * (each.ndim - 2)) for each in (points, normals, distance)]
@@ -148,14 +155,19 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
                 window = tuple(slice(start, start + size) for start, size in zip(first, distance.shape, strict=True))
                 other, other_normal, other_distance = (each[window] for each in padded)
                 way = other - points
-                length = np.maximum(np.sqrt((way * way).sum(-1)), np.float32(1e-3))
-                leaving = np.maximum((normals * way).sum(-1), 0.0) / length
-                arriving = np.maximum(-(other_normal * way).sum(-1), 0.0) / length
+                length = np.maximum(np.sqrt(_along(way, way)), np.float32(1e-3))
+                leaving = np.maximum(_along(normals, way), 0.0) / length
+                arriving = np.maximum(-_along(other_normal, way), 0.0) / length
                 share = leaving * arriving / (length * length) * (other_distance > 0)
                 share *= np.float32(albedo / np.pi) * solid_angle * distance * distance / cosine
                 light += share
                 moment += share * np.maximum(other_distance + length - distance, 0.0) / 2
     return moment / (1 + light)
+
+
+def _along(one: Float[np.ndarray, "h w 3"], other: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
+    """Dot product of each pair of vectors."""
+    return np.einsum("hwi,hwi->hw", one, other)
 
 
 def _spread(image: Float[np.ndarray, "h w"], side: np.float32, axis: int) -> Float[np.ndarray, "h w"]:

@@ -129,3 +129,24 @@ class TrainingSpeedConfig(TrainingScenes):
         check_choices(self)
         check_range(self, 1.0, "steps", "batch", "threads")
         check_range(self, 0.0, "seed")
+
+
+@dataclass(frozen=True)
+class SensorNoiseConfig:
+    """Noise, holes and edges of real depth images beside those of simulated ones of the same cameras."""
+
+    captures: Path
+    """Folder of frames as for `benchmark captures`; what names its `camera` in camera.json or NAME.json counts."""
+    objects: str = "procedural"
+    """Object set of the simulated scenes."""
+    split: Split = "val"
+    """Which objects the scenes are made of."""
+    images: int = 12
+    """Simulated images of each camera, at the distances and tilts of its real frames."""
+    seed: int = 0
+    """Of every random draw."""
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        check_range(self, 1.0, "images")
+        check_range(self, 0.0, "seed")

@@ -16,11 +16,12 @@ from icgnet.viewer.sheet import draw_sheet
 from icgnet.viewer.triangles import disc_triangles
 from icgnet.viewer.view import Perspective, framing_view
 
-COLUMNS = 5
+COLUMNS = 6
 ELEVATION = np.deg2rad(28.0)
 ASIDE = np.deg2rad(50.0)
 """The clouds are drawn from this far beside the camera: errors of the depth do not show from the camera itself."""
-DISC_RADIUS = 0.0009
+DISC_SHARE = 0.8
+"""Radius of the disc of a point, in distances of neighbouring points."""
 MARGIN = 0.03
 """How much of the table around the objects is drawn [m]."""
 NOTHING, TABLE = -1, -2
@@ -36,12 +37,14 @@ class SeenCloud:
         points: [n 3] positions [m].
         owners: [n] object of each point, `NOTHING` or `TABLE`.
         viewpoint: [3] centre of the camera [m].
+        spacing: distance of neighbouring points on what is seen from the front [m].
     """
 
     caption: str
     points: Float[np.ndarray, "n 3"]
     owners: Int[np.ndarray, "n"]
     viewpoint: Float[np.ndarray, "3"]
+    spacing: float
 
 
 def draw_sensor_sheet(clouds: Sequence[SeenCloud], path: str | Path, panel: tuple[int, int]) -> None:
@@ -72,8 +75,8 @@ def _draw_cloud(
     cloud: SeenCloud, shown: Bool[np.ndarray, "n"], view: Perspective, panel: tuple[int, int]
 ) -> UInt8[np.ndarray, "h w 3"]:
     points, owners = cloud.points[shown], cloud.owners[shown]
-    normals = estimate_normals(points, cloud.viewpoint, neighbours=16, radius=0.006)
+    normals = estimate_normals(points, cloud.viewpoint, neighbours=16, radius=5.0 * cloud.spacing)
     colours = instance_colours(owners)
     colours[owners == TABLE] = TABLE_COLOUR
     colours[owners == NOTHING] = INK
-    return render(disc_triangles(points, normals, colours, DISC_RADIUS), None, view, panel)
+    return render(disc_triangles(points, normals, colours, DISC_SHARE * cloud.spacing), None, view, panel)

@@ -13,7 +13,6 @@ from scipy.spatial import KDTree
 
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import transform_points
 from icgnet.grasping.collision import draw_back
