@@ -118,7 +118,8 @@ class ClutterJob:
 
     def make(self, number: int) -> Round:
         """The round of this number; those of all runs are counted through."""
-        return play_round(self, *divmod(number, self.config.rounds), planner_of(self.config))
+        run, index = divmod(number, self.config.rounds)
+        return play_round(self, run, index, planner_of(self.config))
 
     def name(self, number: int) -> str:
         """How messages call a round."""
