@@ -354,6 +354,7 @@ def broken(tmp_path: Path, text: str) -> Path:
         (json.dumps(clutter() | {"lost": 0.5}), "lost must be a whole number, got 0.5"),
         (json.dumps(clutter() | {"commits": []}), "commits must be names of at least one commit, got \\[\\]"),
         (json.dumps(clutter() | {"commits": "aaa"}), "commits must be names of at least one commit, got 'aaa'"),
+        (json.dumps(clutter() | {"origin": origin() | {"commit": 3}}), "commits must be names .*, got \\[3\\]"),
         (json.dumps(clutter() | {"failures": 3}), "failures must be names with values, got 3"),
         (json.dumps(clutter(view=["top"])), "settings.view must be a text, got \\['top'\\]"),
         (json.dumps(clutter(scene=None)), "settings.scene must be a text, got None"),

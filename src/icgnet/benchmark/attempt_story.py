@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from icgnet.benchmark.config import NOTHING_FOUND
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.rounds import Attempt, Shot
@@ -76,7 +77,7 @@ def meeting_points(attempt: Attempt, truth: TrueShapes, observation: Observation
 
 def title(shot: Shot) -> str:
     """The cause, and which attempt it was."""
-    what, trust = "nothing found", ""
+    what, trust = NOTHING_FOUND, ""
     if isinstance(shot, Attempt):
         what, trust = shot.cause, f", score {shot.score:.2f}: {plain(shot.target)} ({shot.target_class})"
     count = len(shot.scene)

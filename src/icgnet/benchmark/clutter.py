@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
-from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig
 from icgnet.benchmark.record import REPORT_FILE, read_json, settings, source_commit, write_report
-from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, ClutterJob, Round, Shot, planner_of
+from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, planner_of
 from icgnet.benchmark.statistics import Spread, cell
 from icgnet.benchmark.tables import Table
 from icgnet.errors import DataError

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from icgnet.benchmark.config import EVERY, IN_LABELS, OUR_NETWORK
+from icgnet.benchmark.config import EVERY, IN_LABELS, NOTHING_FOUND, OUR_NETWORK
 from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.reports import StoredReport
 from icgnet.benchmark.statistics import cell
@@ -25,7 +25,6 @@ PAGE: Mapping[str, Any] = yaml.safe_load((Path(__file__).parent / "page.yaml").r
 """Introduction, what stands below the headings, and what the marks of a row mean."""
 UNCOMMITTED, FEW, MIXED = PAGE["marks"]
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
-SKIPPED = "nothing found"
 SCENES = ("packed", "pile")
 
 Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
@@ -82,13 +81,13 @@ def _clutter(reports: Sequence[StoredReport]) -> str:
 def _failures(reports: Sequence[StoredReport]) -> str:
     """Causes that occur, the most frequent first."""
     totals = sum((_causes(report) for report in reports), Counter())
-    causes = sorted((cause for cause in totals if cause != SKIPPED), key=lambda cause: (-totals[cause], cause))
+    causes = sorted((cause for cause in totals if cause != NOTHING_FOUND), key=lambda cause: (-totals[cause], cause))
 
     def failed(*some: str) -> Value:
         return lambda row: str(sum(_causes(row[0])[cause] for cause in some))
 
     values = {"attempts": _count("attempts"), "failed": failed(*causes)}
-    values |= {cause: failed(cause) for cause in (*causes, SKIPPED)}
+    values |= {cause: failed(cause) for cause in (*causes, NOTHING_FOUND)}
     values |= {name: _count(name) for name in ("touching", "lost")}
     rows = [[report] for report in _in_order(reports, _rules, _method, _rounds)]
     return _section("Why attempts failed", _table({**_ROUNDS, "kind": _scene}, values, rows))
@@ -172,14 +171,15 @@ def _pairs(reports: Sequence[StoredReport], irrelevant: Sequence[str]) -> list[l
     for group in groups.values():
         # One of each may come from different commits; with more of them, those of the same commit belong together.
         repeated = len({_scene(report) for report in group}) < len(group)
-        pairs: dict[tuple[object, int], list[StoredReport]] = {}
-        earlier: Counter[object] = Counter()
+        own: list[list[StoredReport]] = []
         for report in sorted(group, key=_scene):
-            commits = report.commits if repeated else None
-            alike = (commits, _scene(report))
-            pairs.setdefault((commits, earlier[alike]), []).append(report)
-            earlier[alike] += 1
-        rows += pairs.values()
+            alike = [row for row in own if not repeated or row[0].commits == report.commits]
+            row = next((row for row in alike if _scene(report) not in map(_scene, row)), None)
+            if row is None:
+                own.append([report])
+            else:
+                row.append(report)
+        rows += own
     return rows
 
 

@@ -12,6 +12,8 @@ from icgnet.settings import check_choices, check_range
 ViewName = Literal["random", "side", "top"]
 NoiseName = Literal["none", "gaussian", "dex"]
 OUR_NETWORK = "icgnet"
+NOTHING_FOUND = "nothing found"
+"""How a picture ends without a grasp, beside the causes of failed attempts."""
 EVERY, IN_LABELS, IN_CLICKS = "all", "all with label images", "all with clicks"
 """Groups of real frames, beside the subsets; the last two if there are frames of both kinds."""
 

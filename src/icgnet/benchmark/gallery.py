@@ -10,12 +10,12 @@ import numpy as np
 
 from icgnet.benchmark.attempt_story import meeting_points, plain, story, target_index, title
 from icgnet.benchmark.clutter import ROUNDS_FILE, read_rounds
-from icgnet.benchmark.config import ClutterConfig
+from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig
 from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
-from icgnet.benchmark.rounds import NOTHING_FOUND, Attempt, ClutterJob, Round, Shot
+from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper

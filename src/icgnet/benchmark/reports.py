@@ -31,19 +31,6 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > sys.float_info.max
 
 
-def _are_commits(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(each, str | None) for each in value)
-
-
-_CHECKS: Mapping[str, Callable[[Any], bool]] = {
-    "a text": lambda value: isinstance(value, str),
-    "a number": lambda value: value is None or _is_number(value),
-    "a whole number": lambda value: _is_number(value) and value % 1 == 0,  # nan neither
-    "names with values": lambda value: isinstance(value, Mapping),
-    "names of at least one commit": _are_commits,
-}
-
-
 @dataclass(frozen=True, eq=False)
 class StoredReport:
     """What one benchmark wrote; its readers take keys inside of keys.
@@ -73,15 +60,16 @@ class StoredReport:
 
     def text(self, *keys: str) -> str:
         """A text."""
-        return self._checked("a text", *keys)
+        return self._checked(keys, "a text", lambda value: isinstance(value, str))
 
     def count(self, *keys: str) -> int:
         """A whole number."""
-        return int(self._checked("a whole number", *keys))
+        # nan is none
+        return int(self._checked(keys, "a whole number", lambda value: _is_number(value) and value % 1 == 0))
 
     def mapping(self, *keys: str) -> Mapping[str, Any]:
         """Names and their values."""
-        return self._checked("names with values", *keys)
+        return self._checked(keys, "names with values", lambda value: isinstance(value, Mapping))
 
     def spread(self, *keys: str) -> Spread | None:
         """A number and how it varies, over runs if there are several; None if it is not defined."""
@@ -101,13 +89,14 @@ class StoredReport:
     def commits(self) -> tuple[str | None, ...]:
         """The sources that the numbers were made with, at least one; None stands for one that is not known."""
         # A benchmark that cannot be interrupted and resumed has no list of them.
-        if "commits" in self.values:
-            return tuple(self._checked("names of at least one commit", "commits"))
-        return (self.value("origin", "commit"),)
+        commits = self.values["commits"] if "commits" in self.values else [self.value("origin", "commit")]
+        if not isinstance(commits, list) or not commits or not all(isinstance(each, str | None) for each in commits):
+            raise DataError(f"{self.path}: commits must be names of at least one commit, got {commits!r}")
+        return tuple(commits)
 
-    def _checked(self, wanted: str, *keys: str) -> Any:
+    def _checked(self, keys: Sequence[str], wanted: str, is_valid: Callable[[Any], bool]) -> Any:
         value = self.value(*keys)
-        if not _CHECKS[wanted](value):
+        if not is_valid(value):
             raise DataError(f"{self.path}: {'.'.join(keys)} must be {wanted}, got {value!r}")
         return value
 
@@ -115,9 +104,13 @@ class StoredReport:
         """A dataclass of numbers, nan for one that is not defined; None if none of them is."""
         if self.value(*keys) is None:
             return None
-        found = {field.name: self._checked("a number", *keys, field.name) for field in fields(kind)}
-        numbers = {name: math.nan if number is None else float(number) for name, number in found.items()}
-        return None if all(map(math.isnan, numbers.values())) else kind(**numbers)
+        found = {field.name: self._number(*keys, field.name) for field in fields(kind)}
+        return None if all(map(math.isnan, found.values())) else kind(**found)
+
+    def _number(self, *keys: str) -> float:
+        """A number, nan for one that is not defined."""
+        value = self._checked(keys, "a number", lambda value: value is None or _is_number(value))
+        return math.nan if value is None else float(value)
 
 
 def find_reports(folders: Sequence[Path]) -> list[StoredReport]:

@@ -22,7 +22,6 @@ from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
 OBJECTS = 5  # tried for in every scene
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
-NOTHING_FOUND = "nothing found"  # the cause that pictures are skipped for
 SCENE, CAMERA, PLANNER = 0, 1, 2  # what a random stream is for; each has its own
 
 
@@ -119,7 +118,8 @@ class ClutterJob:
 
     def make(self, number: int) -> Round:
         """The round of this number; those of all runs are counted through."""
-        return play_round(self, *divmod(number, self.config.rounds), planner_of(self.config))
+        run, index = divmod(number, self.config.rounds)
+        return play_round(self, run, index, planner_of(self.config))
 
     def name(self, number: int) -> str:
         """How messages call a round."""

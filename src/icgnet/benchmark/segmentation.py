@@ -175,7 +175,7 @@ def labelling(prediction: Prediction) -> Labelling:
 
 
 def compare_masks(
-    index: int, predicted: Labelling, owners: Int[np.ndarray, "n"], objects: Sequence[NamedObject]
+    index: int, predicted: Labelling, owners: Int[np.ndarray, "n"], objects: tuple[NamedObject, ...]
 ) -> SceneMasks:
     """What a scene tells about the answer to it.
 
@@ -214,8 +214,7 @@ def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np
 def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
     """The numbers of at least one scene."""
     by_object: dict[str, Counter[str]] = defaultdict(Counter)
-    columns: tuple[str, ...] = (*CLASSES, MISSED)
-    confusion = {row: dict.fromkeys(columns, 0) for row in (*CLASSES, INVENTED)}
+    confusion: dict[str, dict[str, int]] = {row: dict.fromkeys((*CLASSES, MISSED), 0) for row in (*CLASSES, INVENTED)}
     for pair in _pairs(scenes):
         told = pair.predicted_class or MISSED
         confusion[pair.true.class_name if pair.true else INVENTED][told] += 1
