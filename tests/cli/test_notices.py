@@ -18,7 +18,7 @@ COMMANDS = {
     "clutter": ["benchmark", "clutter", "--planner", "random", "--scene", "pile", "--out", "out"],
     "reconstruction": ["benchmark", "reconstruction", "--scene", "pile"],
     "segmentation": ["benchmark", "segmentation", "--scene", "pile"],
-    "latency": ["benchmark", "latency", "--scene", "pile", "--preset", "tiny"],
+    "latency": ["benchmark", "latency", "--scene", "pile"],
     "simulation": ["study", "simulation"],
 }
 
