@@ -35,6 +35,10 @@ def test_noise_of_a_tilted_plane_is_told_whatever_its_tilt():
 def test_correlation_and_waves_are_told_from_independent_noise():
     wavy = add_disparity_noise(np.full(SHAPE, 0.8), FOCAL, 0.1, np.random.default_rng(0), 0.075, 9)
     measures, _ = measure_frame(wavy, INTRINSICS, FOCAL)
+    assert measures.alike_1 is not None
+    assert measures.alike_4 is not None
+    assert measures.noise is not None
+    assert measures.ripple is not None
     assert measures.alike_1 > 0.8
     assert 0.1 < measures.alike_4 < measures.alike_1
     assert measures.ripple > 1.1 * measures.noise
