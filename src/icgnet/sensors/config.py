@@ -63,7 +63,7 @@ class SensorNoise:
         deformation: standard deviation of a smooth displacement of the cloud [m].
         gaussian: standard deviation of independent noise on the points [m].
         baseline: distance of the two cameras, or of camera and projector [m].
-        window: errors of the disparity are alike within about so many pixels.
+        window: errors of the disparity are alike within about so many pixels of a column, and of a row.
         colour: where the depth image is warped to that of a colour camera: how far that is from the camera, towards the
             second one or the projector [m]. Only the shadows know of it, since pixels must be seen from all places.
         one_of: if there are any, one of these is drawn for each picture, and all else here is not used.
@@ -92,7 +92,7 @@ class SensorNoise:
     wandering: Amount = NEVER
     ripple: Amount = NEVER
     baseline: float = BASELINE
-    window: int = 5
+    window: tuple[int, int] = (5, 5)
     colour: float = 0.0
     one_of: tuple["SensorNoise", ...] = ()
 
@@ -108,13 +108,13 @@ STEREO = SensorNoise(
     grazing=Amount(0.0, 0.08),
     spots=up_to(1.2),
     dark=RARELY_DARK,
-    disparity_noise=Amount(0.03, 0.13),
-    ripple=Amount(0.03, 0.12),
+    disparity_noise=Amount(0.02, 0.12),
+    ripple=Amount(0.03, 0.15),
     disparity_step=exactly(1 / 32),
     smoothing=Amount(0.0, 2.0),
     flying=up_to(0.4),
     depth_unit=exactly(0.001),
-    window=8,
+    window=(4, 9),
     colour=-0.015,
 )
 """A RealSense D400 from 0.35 to 1.4 m, its depth aligned to its colour."""
@@ -126,12 +126,12 @@ STRUCTURED_LIGHT = SensorNoise(
     spots=up_to(0.7),
     dark=RARELY_DARK,
     wandering=Amount(0.6, 1.1),
-    disparity_noise=Amount(0.08, 0.12),
-    ripple=Amount(0.01, 0.04),
+    disparity_noise=Amount(0.08, 0.11),
+    ripple=Amount(0.0, 0.03),
     disparity_step=exactly(1 / 8),
     depth_unit=exactly(0.001),
     baseline=0.075,
-    window=8,
+    window=(5, 8),
     colour=0.025,
 )
 """A Kinect of 2010, or another camera with the sensor of Primesense, its depth aligned to its colour."""
@@ -145,7 +145,7 @@ PHOXI = replace(
     depth_unit=exactly(0.0001),
     baseline=0.2,
     colour=0.0,
-    window=1,
+    window=(1, 1),
 )
 """A Photoneo PhoXi, which finds each pixel by itself in a sequence of patterns."""
 TIME_OF_FLIGHT = SensorNoise(
