@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from icgnet.errors import InputError
+
 
 @dataclass(frozen=True)
 class Amount:
@@ -47,7 +49,7 @@ class SensorNoise:
         dark: share of the objects that send too little light back from a part of them.
         multipath: share of the light that surfaces send on to each other.
         wiggle: amplitude of an error that goes up and down with the distance [m].
-        shot_noise: standard deviation for a bright surface at 1 m, seen from the front, alone for each pixel [m].
+        shot_noise: standard deviation for a bright surface at 1 m, seen from the front [m].
         blending: standard deviation of the spread of a point's light [pixels].
         wandering: standard deviation by which pixels of depth edges are displaced [pixels].
         disparity_noise: standard deviation of the disparity [pixels].
@@ -95,6 +97,11 @@ class SensorNoise:
     window: tuple[int, int] = (5, 5)
     colour: float = 0.0
     one_of: tuple["SensorNoise", ...] = ()
+
+    def __post_init__(self) -> None:
+        matched = any(each != NEVER for each in (self.disparity_noise, self.ripple, self.disparity_step))
+        if matched and not self.baseline > 0.0:
+            raise InputError(f"errors of the disparity need a baseline above 0 m, got {self.baseline:g}")
 
     def pick(self, rng: np.random.Generator) -> "SensorNoise":
         """The noise of one picture: one of several, or this itself, which takes no draw."""
