@@ -17,6 +17,14 @@ def test_image_field_goes_straight_from_sample_to_sample():
         assert np.abs(second[3::4]).max() > 0.1
 
 
+def test_image_field_has_a_pitch_along_columns_and_one_along_rows():
+    field = image_field((41, 61), 1.0, (4, 10), rng())
+    for line, pitch in ((field[:, 20], 4), (field[20], 10)):
+        bends = np.flatnonzero(np.abs(np.diff(line, n=2)) > 1e-5) + 1
+        assert len(bends) > 3
+        assert (bends % pitch == 0).all()
+
+
 @pytest.mark.parametrize(("shape", "pitch"), [((480, 640), 4), ((201, 203), 5), ((1, 1), 4), ((2, 7), 3)])
 def test_image_field_has_the_size_of_the_image_and_its_sigma(shape, pitch):
     field = image_field(shape, 0.005, pitch, rng())

@@ -4,6 +4,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from icgnet.errors import InputError
 from icgnet.geometry.camera import DEFAULT_INTRINSICS
 from icgnet.sensors.config import CAMERAS, NEVER, NOISES, Amount, SensorNoise, exactly, up_to
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
@@ -180,6 +181,12 @@ def test_one_kind_is_drawn_for_each_picture(rng):
         corrupt_depth(box_on_a_slope(), DEFAULT_INTRINSICS, picked, pick).depth,
         corrupt_depth(box_on_a_slope(), DEFAULT_INTRINSICS, NOISES["wide"], straight).depth,
     )
+
+
+def test_a_disparity_without_a_baseline_is_refused():
+    assert SensorNoise(baseline=0.0).baseline == 0.0
+    with pytest.raises(InputError, match="baseline above 0 m, got 0"):
+        SensorNoise(baseline=0.0, ripple=exactly(0.1))
 
 
 def test_a_single_kind_is_picked_without_a_draw():

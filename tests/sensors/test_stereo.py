@@ -36,13 +36,14 @@ def test_disparity_noise_is_the_error_of_a_stereo_pair_and_alike_for_neighbours(
     assert abs(correlation[2]) < 0.1
 
 
-@pytest.mark.parametrize("window", [1, 9, RIPPLE_PITCH])
+@pytest.mark.parametrize("window", [(1, 1), (4, 12), (1, 6), RIPPLE_PITCH])
 def test_disparity_noise_is_alike_within_the_window_and_as_large_for_all(window, rng):
     errors = add_disparity_noise(np.full((400, 400), 0.8, np.float32), FOCAL, 0.1, rng, 0.075, window) - 0.8
     assert errors.std() == pytest.approx(0.8**2 * 0.1 / (FOCAL * 0.075), rel=0.1)
-    alike = [np.corrcoef(errors[:, :-lag].ravel(), errors[:, lag:].ravel())[0, 1] for lag in (1, 2 * window)]
-    assert (alike[0] > 0.9) == (window > 1)
-    assert abs(alike[1]) < 0.2
+    for image, length in ((errors, window[1]), (errors.T, window[0])):
+        alike = [np.corrcoef(image[:, :-lag].ravel(), image[:, lag:].ravel())[0, 1] for lag in (1, 2 * length)]
+        assert (alike[0] > 0.8) == (length > 1)
+        assert abs(alike[1]) < 0.2
 
 
 def test_disparity_noise_leaves_unmeasured_pixels(rng):

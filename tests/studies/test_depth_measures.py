@@ -3,7 +3,7 @@ import pytest
 
 from icgnet.geometry.camera import pixel_rays
 from icgnet.sensors.stereo import add_disparity_noise, quantise_disparity, stereo_shadow
-from icgnet.studies.depth_measures import depth_step, find_edges, flat_windows, holes_inside, measure_frame
+from icgnet.studies.depth_measures import depth_step, find_edges, flat_windows, holes, measure_frame
 
 FOCAL = 580.0
 INTRINSICS = np.array([[FOCAL, 0.0, 159.5], [0.0, FOCAL, 119.5], [0.0, 0.0, 1.0]])
@@ -26,24 +26,29 @@ def posts(near=0.6, far=0.8):
 def test_noise_of_a_tilted_plane_is_told_whatever_its_tilt():
     plain = tilted(50.0)
     noisy = plain + 0.001 * plain**2 * np.random.default_rng(0).standard_normal(SHAPE)
-    noise, tilt, alike = flat_windows(noisy, INTRINSICS, 15, (1, 4))
+    noise, tilt, alike = flat_windows(noisy, INTRINSICS, 15, ((0, 1), (4, 0)))
     assert np.median(noise) == pytest.approx(1.0, rel=0.05)
     assert np.median(tilt) == pytest.approx(50.0, abs=3.0)
     assert np.abs(np.median(alike, axis=0)).max() < 0.05
 
 
 def test_correlation_and_waves_are_told_from_independent_noise():
-    wavy = add_disparity_noise(np.full(SHAPE, 0.8), FOCAL, 0.1, np.random.default_rng(0), 0.075, 9)
+    wavy = add_disparity_noise(np.full(SHAPE, 0.8), FOCAL, 0.1, np.random.default_rng(0), 0.075, (4, 12))
     measures, _ = measure_frame(wavy, INTRINSICS, FOCAL)
+    assert measures.alike_1 is not None
+    assert measures.alike_4 is not None
+    assert measures.noise is not None
+    assert measures.ripple is not None
     assert measures.alike_1 > 0.8
-    assert 0.1 < measures.alike_4 < measures.alike_1
+    assert measures.alike_down is not None
+    assert measures.alike_down < 0.1 < measures.alike_4 < measures.alike_1
     assert measures.ripple > 1.1 * measures.noise
 
 
 def test_windows_with_holes_or_edges_do_not_count():
     depth = posts()
     depth[::10, ::10] = 0.0
-    assert len(flat_windows(depth, INTRINSICS, 15, (1,))[0]) == 0
+    assert len(flat_windows(depth, INTRINSICS, 15, ((0, 1),))[0]) == 0
     assert measure_frame(depth, INTRINSICS, FOCAL)[0].noise is None
 
 
@@ -52,13 +57,16 @@ def test_the_steps_of_the_disparity_are_found():
     assert depth_step(depth, 0.8) == pytest.approx(1000 * 0.8**2 / (8 * FOCAL * 0.075), rel=0.05)
 
 
-def test_holes_inside_of_surfaces_are_counted_and_those_at_edges_are_not():
+def test_holes_inside_of_surfaces_are_told_from_those_at_edges():
     depth = posts()
-    assert holes_inside(depth) == 0.0
+    assert holes(depth) == (0.0, 0.0)
     depth[:, 49:52] = 0.0
-    assert holes_inside(depth) == 0.0
+    assert holes(depth) == (pytest.approx(3 / SHAPE[1]), 0.0)
     depth[:, 10:18] = 0.0
-    assert holes_inside(depth) == pytest.approx(8 / (SHAPE[1] - 3), rel=1e-6)
+    assert holes(depth) == pytest.approx((11 / SHAPE[1], 8 / SHAPE[1]))
+    depth[:, 100:] = 0.0
+    depth[:, -1] = 0.8
+    assert holes(depth)[0] == pytest.approx(11 / 101), "what is wider was cut away"
 
 
 def test_edges_are_found_on_both_sides_with_their_holes():

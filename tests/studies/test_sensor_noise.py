@@ -38,6 +38,8 @@ def test_each_camera_gets_images_from_where_its_frames_were_taken(captures):
     assert camera.real[0].distance == pytest.approx(0.8, abs=0.02)
     for ours in camera.ours:
         assert ours.distance == pytest.approx(0.8, abs=0.08)
+        assert ours.noise is not None
+        assert camera.real[0].noise is not None
         assert 0.3 < ours.noise / camera.real[0].noise < 3.0
     (table,) = tables(numbers)
     assert table.headers == ("kinect_v2", "1 real", "2 simulated")

@@ -6,7 +6,7 @@ import pytest
 from icgnet.geometry.transforms import transform_points, yaw_about
 from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT
 from icgnet.network.config import NETWORKS
-from icgnet.sensors.config import NOISES
+from icgnet.sensors.config import NOISES, SensorNoise, exactly
 from icgnet.training.config import Sampling
 from icgnet.training.observation import sense, take_picture
 
@@ -86,3 +86,16 @@ def test_shares_of_the_visits_are_as_configured(placements):
     assert fused.mean() == pytest.approx(0.4, abs=0.12)
     assert half[~fused].mean() == pytest.approx(0.5, abs=0.15)
     assert not half[fused].any()
+
+
+def test_image_and_cloud_are_spoiled_by_the_same_one_of_several_noises(placements):
+    picture = take_picture(placements, CLEAN, np.random.default_rng(0))
+    kinds = (SensorNoise(shadow=exactly(1.0), drop=exactly(0.5)), SensorNoise())
+    clean = len(sense(picture, SensorNoise(), TABLE_HEIGHT, np.random.default_rng(0)).points)
+    counts = {
+        len(sense(picture, SensorNoise(one_of=kinds), TABLE_HEIGHT, np.random.default_rng(seed)).points) / clean
+        for seed in range(12)
+    }
+    assert 1.0 in counts
+    assert all(share == 1.0 or share < 0.55 for share in counts)
+    assert len(counts) > 1

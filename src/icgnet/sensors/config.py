@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from icgnet.errors import InputError
+
 
 @dataclass(frozen=True)
 class Amount:
@@ -47,7 +49,7 @@ class SensorNoise:
         dark: share of the objects that send too little light back from a part of them.
         multipath: share of the light that surfaces send on to each other.
         wiggle: amplitude of an error that goes up and down with the distance [m].
-        shot_noise: standard deviation for a bright surface at 1 m, seen from the front, alone for each pixel [m].
+        shot_noise: standard deviation for a bright surface at 1 m, seen from the front [m].
         blending: standard deviation of the spread of a point's light [pixels].
         wandering: standard deviation by which pixels of depth edges are displaced [pixels].
         disparity_noise: standard deviation of the disparity [pixels].
@@ -63,7 +65,7 @@ class SensorNoise:
         deformation: standard deviation of a smooth displacement of the cloud [m].
         gaussian: standard deviation of independent noise on the points [m].
         baseline: distance of the two cameras, or of camera and projector [m].
-        window: errors of the disparity are alike within about so many pixels.
+        window: errors of the disparity are alike within about so many pixels of a column, and of a row.
         colour: where the depth image is warped to that of a colour camera: how far that is from the camera, towards the
             second one or the projector [m]. Only the shadows know of it, since pixels must be seen from all places.
         one_of: if there are any, one of these is drawn for each picture, and all else here is not used.
@@ -92,9 +94,14 @@ class SensorNoise:
     wandering: Amount = NEVER
     ripple: Amount = NEVER
     baseline: float = BASELINE
-    window: int = 5
+    window: tuple[int, int] = (5, 5)
     colour: float = 0.0
     one_of: tuple["SensorNoise", ...] = ()
+
+    def __post_init__(self) -> None:
+        matched = any(each != NEVER for each in (self.disparity_noise, self.ripple, self.disparity_step))
+        if matched and not self.baseline > 0.0:
+            raise InputError(f"errors of the disparity need a baseline above 0 m, got {self.baseline:g}")
 
     def pick(self, rng: np.random.Generator) -> "SensorNoise":
         """The noise of one picture: one of several, or this itself, which takes no draw."""
@@ -106,15 +113,15 @@ STEREO = SensorNoise(
     fattening=Amount(0.6, 1.8),
     shadow=exactly(1.0),
     grazing=Amount(0.0, 0.08),
-    spots=up_to(0.7),
+    spots=up_to(1.2),
     dark=RARELY_DARK,
-    disparity_noise=Amount(0.03, 0.12),
+    disparity_noise=Amount(0.02, 0.12),
     ripple=Amount(0.03, 0.15),
     disparity_step=exactly(1 / 32),
-    smoothing=Amount(0.0, 3.0),
+    smoothing=Amount(0.0, 2.0),
     flying=up_to(0.4),
     depth_unit=exactly(0.001),
-    window=12,
+    window=(4, 9),
     colour=-0.015,
 )
 """A RealSense D400 from 0.35 to 1.4 m, its depth aligned to its colour."""
@@ -126,12 +133,12 @@ STRUCTURED_LIGHT = SensorNoise(
     spots=up_to(0.7),
     dark=RARELY_DARK,
     wandering=Amount(0.6, 1.1),
-    disparity_noise=Amount(0.08, 0.12),
-    ripple=Amount(0.01, 0.04),
+    disparity_noise=Amount(0.08, 0.11),
+    ripple=Amount(0.0, 0.03),
     disparity_step=exactly(1 / 8),
     depth_unit=exactly(0.001),
     baseline=0.075,
-    window=8,
+    window=(5, 8),
     colour=0.025,
 )
 """A Kinect of 2010, or another camera with the sensor of Primesense, its depth aligned to its colour."""
@@ -145,19 +152,19 @@ PHOXI = replace(
     depth_unit=exactly(0.0001),
     baseline=0.2,
     colour=0.0,
-    window=1,
+    window=(1, 1),
 )
 """A Photoneo PhoXi, which finds each pixel by itself in a sequence of patterns."""
 TIME_OF_FLIGHT = SensorNoise(
     shadow=exactly(1.0),
-    grazing=Amount(0.05, 0.12),
-    spots=up_to(0.7),
+    grazing=Amount(0.02, 0.10),
+    spots=up_to(1.2),
     dark=RARELY_DARK,
     multipath=Amount(0.1, 0.5),
     wiggle=up_to(0.004),
     shot_noise=Amount(0.0015, 0.0035),
     blending=Amount(0.5, 0.7),
-    flying=up_to(0.4),
+    flying=Amount(0.1, 0.6),
     field=Amount(0.0005, 0.0015),
     depth_unit=exactly(0.001),
     baseline=0.0,

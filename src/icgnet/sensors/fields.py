@@ -10,17 +10,18 @@ WAVES = 24
 
 
 def image_field(
-    shape: tuple[int, int], sigma: float, pitch: int, rng: np.random.Generator
+    shape: tuple[int, int], sigma: float, pitch: int | tuple[int, int], rng: np.random.Generator
 ) -> Float32[np.ndarray, "h w"]:
     """Independent Gaussian samples on every `pitch`-th pixel, interpolated bilinearly.
 
     Args:
         shape: height and width of the image [pixels].
         sigma: standard deviation of the samples; between them it is less, see `LOSS`.
-        pitch: distance of the samples [pixels].
+        pitch: distance of the samples [pixels]; two numbers are along the columns and along the rows.
         rng: source of the draws.
     """
-    rows, columns = (np.arange(edge) / pitch for edge in shape)
+    pitches = (pitch, pitch) if isinstance(pitch, int) else pitch
+    rows, columns = (np.arange(edge) / distance for edge, distance in zip(shape, pitches, strict=True))
     coarse = rng.standard_normal((int(rows[-1]) + 2, int(columns[-1]) + 2), dtype=np.float32) * np.float32(sigma)
     return stretch(stretch(coarse.T, columns).T, rows)
 

@@ -12,7 +12,7 @@ from icgnet.sensors.config import BASELINE
 from icgnet.sensors.fields import LOSS, image_field
 from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
 
-RIPPLE_PITCH = 25
+RIPPLE_PITCH = (25, 25)
 """Surfaces are wavy over about so many pixels as well: from calibration and the pattern itself."""
 PATCH_PITCH = 12
 """Edges are fattened in patches of about this size [pixels]."""
@@ -26,7 +26,7 @@ def add_disparity_noise(
     sigma: float,
     rng: np.random.Generator,
     baseline: float = BASELINE,
-    window: int = 5,
+    window: tuple[int, int] = (5, 5),
 ) -> Float[np.ndarray, "h w"]:
     """Depth with errors of the disparity, alike within some pixels, so that they grow with the depth squared.
 
@@ -38,9 +38,11 @@ def add_disparity_noise(
         sigma: standard deviation of the disparity [pixels].
         rng: source of the draws.
         baseline: distance of the two cameras [m].
-        window: neighbours share most of their matching window, and so their errors, about as far as this [pixels].
+        window: neighbours in a column, and in a row, have most of their matching window and so their errors in common
+            about as far as this [pixels].
     """
-    samples = sigma / LOSS if window > 1 else sigma
+    # Each axis along which samples are interpolated has half of the loss.
+    samples = sigma / LOSS ** (sum(each > 1 for each in window) / 2)
     noise = image_field((depth.shape[0], depth.shape[1]), samples, window, rng)
     return depth / np.maximum(1 + depth * noise * np.float32(1 / (focal * baseline)), np.float32(0.1))
 

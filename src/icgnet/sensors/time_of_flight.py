@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from icgnet.sensors.fields import stretch
 from icgnet.sensors.image import EDGE_STEP, NEIGHBOURS, shifted, slant
+from icgnet.simulation.camera import NOTHING
 
 WIGGLE_PERIOD = 0.31
 """Distance after which the error of a modulation that is not quite a sine repeats [m]: a quarter of the range of 120
@@ -100,7 +101,7 @@ def blend_edges(
     for offset in NEIGHBOURS:
         apart |= shifted(ids, offset).ravel()[flying] != ids.ravel()[flying]
     owners = ids.copy()
-    owners.ravel()[flying[apart]] = -1
+    owners.ravel()[flying[apart]] = NOTHING
     return blended, owners
 
 
@@ -123,15 +124,14 @@ def add_multipath(
     rows, columns = (np.arange(0, edge + 2 * pitch, pitch) for edge in depth.shape)
     coarse = np.ix_(np.minimum(rows, depth.shape[0] - 1), np.minimum(columns, depth.shape[1] - 1))
     (fx, _, cx), (_, fy, cy), _ = intrinsics
-    rays = np.ones((len(rows), len(columns), 3), dtype=np.float32)
-    rays[..., 0], rays[..., 1] = (coarse[1] - cx) / fx, (coarse[0] - cy) / fy
-    longer = _longer_way(rays * depth[coarse][..., None], pitch / float(intrinsics[0, 0]), albedo)
-    error = longer / np.linalg.norm(rays, axis=-1)
+    rays = np.ones((3, len(rows), len(columns)), dtype=np.float32)
+    rays[0], rays[1] = (coarse[1] - cx) / fx, (coarse[0] - cy) / fy
+    error = _longer_way(rays * depth[coarse], pitch / float(fx), albedo) / np.sqrt(_along(rays, rays))
     fine = stretch(stretch(error.T, np.arange(depth.shape[1]) / pitch).T, np.arange(depth.shape[0]) / pitch)
     return np.where(depth > 0, depth + fine, np.float32(0.0))
 
 
-def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float) -> Float[np.ndarray, "h w"]:
+def _longer_way(points: Float[np.ndarray, "3 h w"], angle: float, albedo: float) -> Float[np.ndarray, "h w"]:
     """How much farther than they are patches seem to be [m], for their points [m] in the camera frame.
 
     Args:
@@ -139,21 +139,21 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
         angle: size of a patch, seen from the camera [rad].
         albedo: share of the light that the surfaces send on.
     """
-    normals = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), np.float32(1e-9))
-    distance = np.linalg.norm(points, axis=-1)
+    normals = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=2), axis=0)
+    normals /= np.maximum(np.sqrt(_along(normals, normals)), np.float32(1e-9))
+    distance = np.sqrt(_along(points, points))
     cosine = np.maximum(-_along(normals, points) / np.maximum(distance, 1e-3), LEAST_COSINE)
     light, moment = np.zeros_like(distance), np.zeros_like(distance)
     reach = max(RINGS)
-    padded = [np.pad(each, [(reach, reach)] * 2 + [(0, 0)] * (each.ndim - 2)) for each in (points, normals, distance)]
+    padded = [np.pad(each, [(0, 0)] + [(reach, reach)] * 2) for each in (points, normals, distance[None])]
     for ring in RINGS:
         # A ring stands for all patches from 0.7 to 1.4 of its radius, an eighth of them for each direction.
         solid_angle = np.float32(1.5 * np.pi * (ring * angle) ** 2 / 8.0)
         for row, column in np.ndindex(3, 3):
             if (row, column) != (1, 1):
                 first = reach + (row - 1) * ring, reach + (column - 1) * ring
-                window = tuple(slice(start, start + size) for start, size in zip(first, distance.shape, strict=True))
-                other, other_normal, other_distance = (each[window] for each in padded)
+                down, across = (slice(start, start + size) for start, size in zip(first, distance.shape, strict=True))
+                other, other_normal, (other_distance,) = (each[:, down, across] for each in padded)
                 way = other - points
                 length = np.maximum(np.sqrt(_along(way, way)), np.float32(1e-3))
                 leaving = np.maximum(_along(normals, way), 0.0) / length
@@ -165,9 +165,9 @@ def _longer_way(points: Float[np.ndarray, "h w 3"], angle: float, albedo: float)
     return moment / (1 + light)
 
 
-def _along(one: Float[np.ndarray, "h w 3"], other: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
+def _along(one: Float[np.ndarray, "3 h w"], other: Float[np.ndarray, "3 h w"]) -> Float[np.ndarray, "h w"]:
     """Dot product of each pair of vectors."""
-    return np.einsum("hwi,hwi->hw", one, other)
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 def _spread(image: Float[np.ndarray, "h w"], side: np.float32, axis: int) -> Float[np.ndarray, "h w"]:

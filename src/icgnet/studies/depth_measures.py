@@ -48,7 +48,9 @@ class FrameMeasures:
         ripple: the same for windows of 45 pixels.
         alike_1: correlation of the errors of pixels one apart in a row.
         alike_4: the same four apart.
+        alike_down: the same four apart in a column.
         step: mean difference between neighbouring depths that occur near the median depth [mm].
+        holes: share of pixels without depth, in holes that are not wider than 100 pixels.
         holes_inside: share of pixels without depth in the middle of surfaces.
         holes_shadow: pixels without depth at an edge, on the side of objects that has more of them, mean.
         holes_lit: the same on the other side.
@@ -64,7 +66,9 @@ class FrameMeasures:
     ripple: float | None
     alike_1: float | None
     alike_4: float | None
+    alike_down: float | None
     step: float | None
+    holes: float
     holes_inside: float
     holes_shadow: float | None
     holes_lit: float | None
@@ -126,7 +130,8 @@ def measure_frame(
     depth = np.where((depth > 0) & (depth < FAR), depth, 0.0)
     distance = float(np.median(depth[depth > 0])) if (depth > 0).any() else 0.0
     scale = focal / float(intrinsics[0, 0])
-    lags = tuple(max(1, round(lag / scale)) for lag in (1, LAG))
+    near, far = (max(1, round(lag / scale)) for lag in (1, LAG))
+    lags = ((0, near), (0, far), (far, 0))
     noise, tilt, alike = flat_windows(depth, intrinsics, max(7, round(WINDOW / scale)), lags)
     ripple, _, _ = flat_windows(depth, intrinsics, max(7, round(LARGE_WINDOW / scale)), lags)
     flat = len(noise) >= FEWEST_WINDOWS
@@ -144,8 +149,9 @@ def measure_frame(
         float(np.median(ripple)) if len(ripple) >= FEWEST_WINDOWS else None,
         float(np.median(alike[:, 0])) if flat else None,
         float(np.median(alike[:, 1])) if flat else None,
+        float(np.median(alike[:, 2])) if flat else None,
         depth_step(depth, distance),
-        holes_inside(depth),
+        *holes(depth),
         float(shadow * scale) if enough else None,
         float(lit * scale) if enough else None,
         float(np.median((edges.holes[shaded] - lit) / wide)) if enough else None,
@@ -156,9 +162,9 @@ def measure_frame(
 
 
 def flat_windows(
-    depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], edge: int, lags: tuple[int, ...]
+    depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], edge: int, lags: tuple[tuple[int, int], ...]
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"], Float[np.ndarray, "n l"]]:
-    """Of each flat window: noise [mm/m^2], angle to the line of sight [degrees], correlations at each lag of pixels."""
+    """Of each flat window: noise [mm/m^2], angle to the line of sight [degrees], correlations at each lag."""
     step = max(1, round(edge * STRIDE))
     windows = np.lib.stride_tricks.sliding_window_view(depth, (edge, edge))[::step, ::step].reshape(-1, edge, edge)
     rays = pixel_rays(intrinsics, (depth.shape[0], depth.shape[1]))
@@ -179,7 +185,10 @@ def flat_windows(
     cosine = np.einsum("ni,ni->n", normals[flat, :, 0], middle)
     cosine /= np.linalg.norm(normals[flat, :, 0], axis=1) * np.linalg.norm(middle, axis=1)
     power = (errors**2).mean(axis=(1, 2))
-    alike = [(errors[:, :, lag:] * errors[:, :, :-lag]).mean(axis=(1, 2)) / power for lag in lags]
+    alike = [
+        (errors[:, down:, right:] * errors[:, : edge - down, : edge - right]).mean(axis=(1, 2)) / power
+        for down, right in lags
+    ]
     return 1000 * noise[flat], np.degrees(np.arccos(np.clip(cosine, -1, 1))), np.stack(alike, axis=1)
 
 
@@ -189,13 +198,15 @@ def depth_step(depth: Float[np.ndarray, "h w"], distance: float) -> float | None
     return None if len(levels) < 3 else float(1000 * (levels[-1] - levels[0]) / (len(levels) - 1))
 
 
-def holes_inside(depth: Float[np.ndarray, "h w"]) -> float:
-    """Share of pixels without depth between pixels of one surface in the same row, of these and the measured ones."""
+def holes(depth: Float[np.ndarray, "h w"]) -> tuple[float, float]:
+    """Share of pixels without depth between measured ones in the same row, and of those of them on one surface."""
     rows, columns = np.nonzero(depth)
     values = depth[rows, columns]
     gap = np.diff(columns) - 1
-    inside = (np.diff(rows) == 0) & (gap > 0) & (gap <= WIDEST_HOLE) & (np.abs(np.diff(values)) < ALIKE)
-    return float(gap[inside].sum() / max(1, gap[inside].sum() + len(values)))
+    hole = (np.diff(rows) == 0) & (gap > 0) & (gap <= WIDEST_HOLE)
+    inside = hole & (np.abs(np.diff(values)) < ALIKE)
+    pixels = max(1, int(gap[hole].sum()) + len(values))
+    return float(gap[hole].sum() / pixels), float(gap[inside].sum() / pixels)
 
 
 def find_edges(depth: Float[np.ndarray, "h w"]) -> Edges:

@@ -38,9 +38,11 @@ ROWS = {
     "tilt": ("tilt of flat parts [degrees]", 0),
     "noise": ("noise in 15 pixels [mm/m²]", 2),
     "ripple": ("noise in 45 pixels [mm/m²]", 2),
-    "alike_1": ("correlation 1 pixel apart", 2),
-    "alike_4": ("correlation 4 pixels apart", 2),
+    "alike_1": ("correlation 1 pixel apart in a row", 2),
+    "alike_4": ("correlation 4 pixels apart in a row", 2),
+    "alike_down": ("correlation 4 pixels apart in a column", 2),
     "step": ("steps of the depth [mm]", 2),
+    "holes": ("without depth [%]", 2),
     "holes_inside": ("without depth inside of surfaces [%]", 2),
     "holes_shadow": ("without depth at edges, side of the shadow [pixels]", 1),
     "holes_lit": ("without depth at edges, other side [pixels]", 1),
@@ -49,10 +51,10 @@ ROWS = {
     "ragged": ("raggedness of edges [pixels]", 2),
 }
 """Label and digits of each measure."""
-FACTORS = {"holes_inside": 100.0, "shadow_baseline": 1000.0}
+FACTORS = {"holes": 100.0, "holes_inside": 100.0, "shadow_baseline": 1000.0}
 PANELS = {
     "noise": "noise of flat parts [mm/m²]",
-    "alike": "correlation 4 pixels apart",
+    "alike": "correlation 4 pixels apart in a row",
     "holes": "without depth at an edge [pixels]",
     "flying": "between surfaces [pixels]",
 }
