@@ -19,7 +19,7 @@ from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spr
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
-from icgnet.objects.classes import CLASSES
+from icgnet.objects.classes import known_class
 from icgnet.predictor import Predictor
 from icgnet.training.metrics import GraspTally, average_precision, count_masks
 
@@ -72,10 +72,17 @@ class PointOwners:
     objects: tuple[NamedObject, ...]
 
     @classmethod
-    def of(cls, shapes: TrueShapes, points: Float[np.ndarray, "n 3"]) -> "PointOwners":
-        """The truth about points of a scene, world frame [m]."""
-        objects = map(NamedObject, shapes.names, shapes.classes, shapes.class_alternatives)
-        return cls(shapes.owners(points), tuple(objects))
+    def of(cls, shapes: TrueShapes, points: Float[np.ndarray, "n 3"], classes: Sequence[str]) -> "PointOwners":
+        """The truth about points of a scene.
+
+        Args:
+            shapes: of the scene.
+            points: world frame [m].
+            classes: that the weights know; objects of others count as "other".
+        """
+        named = [known_class(name, classes) for name in shapes.classes]
+        alternatives = [name and known_class(name, classes) for name in shapes.class_alternatives]
+        return cls(shapes.owners(points), tuple(map(NamedObject, shapes.names, named, alternatives)))
 
 
 @dataclass(frozen=True)
@@ -150,11 +157,10 @@ def measure(config: PictureConfig) -> SegmentationNumbers:
     """The instances that a network finds in the pictures of a configuration.
 
     Raises:
-        IcgnetError: unusable objects, weights or gripper, weights of other classes, or no scene with an object that can
-            be seen.
+        IcgnetError: unusable objects, weights or gripper, weights that know neither an object's class nor "other", or no
+            scene with an object that can be seen.
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
-    predictor.network.config.check_classes(CLASSES, "the objects of this benchmark")
     return summarise(score_pictures(config, predictor, score_picture))
 
 
@@ -195,7 +201,7 @@ def score_picture(picture: Picture, prediction: Prediction | None) -> SceneMasks
     """The instances of one picture; None without any visible object."""
     if prediction is None:
         return None
-    truth = PointOwners.of(picture.truth, prediction.cloud.points)
+    truth = PointOwners.of(picture.truth, prediction.cloud.points, prediction.classes)
     if not visible_objects(truth.labels, len(picture.truth)).any():
         return None
     return compare_masks(picture.index, labelling(prediction), truth)

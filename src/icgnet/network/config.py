@@ -221,20 +221,6 @@ class NetworkConfig:
                 f"({gripper.name!r} has {', '.join(gripper.differences(self.gripper))})"
             )
 
-    def check_classes(self, classes: Sequence[str], whose: str) -> None:
-        """Makes sure that classes are those of the network, in the same order.
-
-        Args:
-            classes: the names.
-            whose: what they belong to, for the message.
-
-        Raises:
-            InputError: they are others.
-        """
-        if tuple(classes) != self.classes:
-            raise InputError(
-                f"{whose} have the classes {', '.join(classes)}, but the weights know {', '.join(self.classes)}"
-            )
 
 
 NETWORKS = {
