@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from box_objects import BoxAndBall, placed
 from box_objects import predicted as predicted_scene
-from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
@@ -18,15 +18,12 @@ from icgnet.benchmark.segmentation import (
     compare_masks,
     label_overlaps,
     labelling,
-    measure,
     panoptic_quality,
     summarise,
 )
+from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.cli.main import main
 from icgnet.errors import InputError
-from icgnet.network.config import NETWORKS
-from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import save_weights
 
 
 def labels(**counts: int) -> np.ndarray:
@@ -160,8 +157,13 @@ def test_the_command_prints_tables_and_writes_a_report(tmp_path, capsys):
     assert len(report["rows"]) == report["scenes"] == 1
 
 
-def test_weights_of_other_classes_are_refused(tmp_path):
-    config = replace(NETWORKS["tiny"], classes=("mug", "box"))
-    save_weights(tmp_path / "two.safetensors", IcgNet(config), {})
-    with pytest.raises(InputError, match="but the weights know mug, box"):
-        measure(PictureConfig(weights=tmp_path / "two.safetensors"))
+def test_objects_of_classes_that_the_weights_do_not_know_count_as_other():
+    shapes = TrueShapes(placed(("box", (0.1, 0.1, 0.1)), ("ball", (0.2, 0.1, 0.1))), BoxAndBall())
+    points = np.concatenate([mesh.triangles_center for mesh in shapes.meshes])
+    known = PointOwners.of(shapes, points, shapes.classes)
+    unknown = PointOwners.of(shapes, points, ("mug", "other"))
+    assert [each.class_name for each in known.objects] == ["box", "ball"]
+    assert {each.class_name for each in unknown.objects} == {"other"}
+    assert [each.name for each in unknown.objects] == [each.name for each in known.objects]
+    with pytest.raises(InputError, match="nor 'other'; the classes are mug"):
+        PointOwners.of(shapes, points, ("mug",))

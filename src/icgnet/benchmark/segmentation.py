@@ -19,7 +19,7 @@ from icgnet.benchmark.statistics import Metric, Spread, cells, mean_or_none, spr
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import NO_OBJECT, TrueShapes
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
-from icgnet.objects.classes import known_class
+from icgnet.objects.classes import CLASSES, known_class
 from icgnet.predictor import Predictor
 from icgnet.training.metrics import GraspTally, average_precision, count_masks
 
@@ -157,17 +157,21 @@ def measure(config: PictureConfig) -> SegmentationNumbers:
     """The instances that a network finds in the pictures of a configuration.
 
     Raises:
-        IcgnetError: unusable objects, weights or gripper, weights that know neither an object's class nor "other", or no
-            scene with an object that can be seen.
+        IcgnetError: unusable objects, weights or gripper, weights that know neither an object's class nor "other", or
+            no scene with an object that can be seen.
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
     return summarise(score_pictures(config, predictor, score_picture))
 
 
 def tables(numbers: SegmentationNumbers) -> list[Table]:
-    """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty rows."""
+    """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty ones."""
     scores = [(metric.label, *cells(numbers.scores[name])) for name, metric in METRICS.items()]
-    columns = tuple(next(iter(numbers.confusion.values())))
+    columns = [
+        name
+        for name in next(iter(numbers.confusion.values()))
+        if name == "missed" or any(row[name] for row in numbers.confusion.values())
+    ]
     counts = [
         (name, *(str(row[column] or "") for column in columns))
         for name, row in numbers.confusion.items()
@@ -286,7 +290,7 @@ def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
     matches = _matches(scenes)
     wrong = [name for each in scenes for name in (*(true.class_name for true in each.missed), *each.invented)]
     qualities = []
-    for name in CLASSES:
+    for name in _class_names(scenes):
         ious = [match.iou for match in matches if match.right and match.predicted_class == name]
         failures = wrong.count(name) + sum(
             (match.true.class_name == name) != (match.predicted_class == name) for match in matches
@@ -294,6 +298,12 @@ def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
         if ious or failures:
             qualities.append(_qualities(ious, failures)[0])
     return mean_or_none(qualities)
+
+
+def _class_names(scenes: Sequence[SceneMasks]) -> tuple[str, ...]:
+    """The classes of objects that are labelled today, and whatever else weights told."""
+    told = {match.predicted_class for match in _matches(scenes)} | {name for each in scenes for name in each.invented}
+    return (*CLASSES, *sorted(told - set(CLASSES)))
 
 
 def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, float]:
@@ -316,7 +326,8 @@ def by_object(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
 
 def confusion(scenes: Sequence[SceneMasks]) -> dict[str, dict[str, int]]:
     """Number of objects by true class and predicted class; of those without a partner, under missed and invented."""
-    table: dict[str, dict[str, int]] = {row: dict.fromkeys((*CLASSES, "missed"), 0) for row in (*CLASSES, "invented")}
+    names = _class_names(scenes)
+    table: dict[str, dict[str, int]] = {row: dict.fromkeys((*names, "missed"), 0) for row in (*names, "invented")}
     for each in scenes:
         for match in each.matches:
             table[match.true.class_name][match.predicted_class] += 1

@@ -1,6 +1,5 @@
 """Sizes and choices of the network, and the named presets."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -220,7 +219,6 @@ class NetworkConfig:
                 f"{whose} have the hand {gripper.name!r}, but the weights know only {self.gripper.name!r} "
                 f"({gripper.name!r} has {', '.join(gripper.differences(self.gripper))})"
             )
-
 
 
 NETWORKS = {

@@ -12,14 +12,14 @@ DEFINITIONS = {
     "mug": "cup with a handle",
     "box": "cuboid package, also flat or slightly rounded ones: cartons, books, parcels",
     "can": "closed, straight-walled cylinder of food-tin proportions (height at most about 2.2 times the diameter)",
-    "bottle": "container with a neck or a shoulder narrower than its body, also spray bottles, jugs with a cap and tubes "
-    "that stand on theirs",
+    "bottle": "container with a neck or a shoulder narrower than its body, also spray bottles, and jugs and "
+    "tubes with a cap",
     "cylindric": "other bodies of roughly circular cross-section: tall cylinders, markers, torches, cups and glasses "
     "without a handle, jars, rolls",
     "ball": "nearly spherical",
     "bowl": "open dish without a handle, wider than it is deep: bowls, ramekins, plates, trays",
-    "tool": "made to be held and worked with: hammer, screwdriver, pliers, scissors, knife, spoon, whisk, clamp, drill, "
-    "stapler",
+    "tool": "made to be held and worked with: hammer, screwdriver, pliers, scissors, knife, spoon, whisk, clamp, "
+    "drill, stapler",
     "other": "everything else: toys, fruit that is not round, pans, shoes, irregular bodies",
 }
 """What makes an object one of a class."""

@@ -95,7 +95,7 @@ def _added(pieces: list[Points], volumes: list[float], first: int, second: int) 
 
 
 def _is_nearly_convex(component: trimesh.Trimesh) -> bool:
-    return component.is_watertight and component.volume > NEARLY_CONVEX * solid_hull(component.vertices).volume
+    return bool(component.is_watertight and component.volume > NEARLY_CONVEX * solid_hull(component.vertices).volume)
 
 
 def _run_coacd(mesh: trimesh.Trimesh) -> list[Points]:

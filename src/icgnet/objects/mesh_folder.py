@@ -109,7 +109,7 @@ class MeshFolderObjectSet(FileObjectSet):
 
 
 def object_paths(directory: Path) -> list[Path]:
-    """Returns the files that are objects, sorted: the URDFs, or the meshes where there are none; hidden ones are not."""
+    """Returns the files that are objects, sorted: the URDFs, or the meshes where there are none; no hidden ones."""
     files = [path for path in sorted(directory.rglob("*")) if not _is_hidden(path.relative_to(directory))]
     urdfs = [path for path in files if path.suffix.lower() == ".urdf"]
     return urdfs or [path for path in files if path.suffix.lower() in MESH_SUFFIXES]
@@ -174,7 +174,9 @@ def read_folder_list(directory: Path, published: str | None = None) -> FolderLis
 def _folder_list(content: object, path: Path) -> FolderList:
     entries = {"units", "classes", "splits", "scales"}
     if not isinstance(content, dict) or content.keys() - entries:
-        raise DataError(f"{path}: expected the entries units, classes, splits and scales, found {reprlib.repr(content)}")
+        raise DataError(
+            f"{path}: expected the entries units, classes, splits and scales, found {reprlib.repr(content)}"
+        )
     units = content.get("units")
     if units not in (None, "m", "mm"):
         raise DataError(f'{path}: units are {units!r}; they can be "m" or "mm"')

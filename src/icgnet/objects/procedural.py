@@ -151,7 +151,7 @@ class ProceduralObjectSet(ObjectSet):
         return _shapes()[key].class_name
 
     def group(self, key: str) -> str:
-        """Returns what an object is one of several of: the small shapes of a scene kind, or a class of the wide ones."""
+        """Returns what an object is one of several of: a size of the small shapes, or a class of the wide ones."""
         return key.rpartition("_")[0] if key.startswith(f"{WIDE}/") else super().group(key)
 
     def fingerprint(self, key: str) -> str:
@@ -202,9 +202,7 @@ def _draw_wide_family(word: str, number: int) -> tuple[Family, np.random.Generat
     return _draw_one(WIDE_FAMILIES[word], np.random.default_rng([SEED, _wide_seed_of(word), number]))
 
 
-def _draw_one(
-    families: tuple[Family, ...], rng: np.random.Generator
-) -> tuple[Family, np.random.Generator]:
+def _draw_one(families: tuple[Family, ...], rng: np.random.Generator) -> tuple[Family, np.random.Generator]:
     weights = np.array([family.weight for family in families])
     return families[rng.choice(len(families), p=weights / weights.sum())], rng
 

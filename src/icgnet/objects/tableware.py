@@ -12,8 +12,8 @@ from icgnet.objects.solids import Solid, hull, loft, ring, tube, vessel
 
 SIDES = 48
 """Points around a dish."""
-SECTORS = 16
-"""Convex pieces around its wall: the hull of one reaches into the hollow by 2 % of the radius."""
+SECTORS = 12
+"""Convex pieces around its wall: the hull of one reaches into the hollow by 3 % of the radius."""
 
 
 def dish(outline: Outline, profile: Profile, wall: float, floor: float, sectors: int = SECTORS) -> Solid:
@@ -37,11 +37,14 @@ def dish(outline: Outline, profile: Profile, wall: float, floor: float, sectors:
     return vessel(profile_rings(outline, profile, 1.0), profile_rings(outline, inside, 1.0), sectors)
 
 
-def _bent(foot: float, radius: float, start: float, height: float, bend: float, points: int = 6) -> Profile:
+def _bent(foot: float, radius: float, start: float, height: float, bend: float, points: int = 5) -> Profile:
     """Returns a profile that widens from the foot to the rim: at first (bend below 1) or towards the end (above 1)."""
     t = np.linspace(0.0, 1.0, points)
     shares, rise = (t**bend, t) if bend < 1.0 else (t, t**bend)
-    return [(float(foot + (radius - foot) * s), float(start + (height - start) * z)) for s, z in zip(shares, rise, strict=True)]
+    return [
+        (float(foot + (radius - foot) * s), float(start + (height - start) * z))
+        for s, z in zip(shares, rise, strict=True)
+    ]
 
 
 def _outline(rng: np.random.Generator) -> Outline:
@@ -61,8 +64,8 @@ def bowl(rng: np.random.Generator) -> Solid:
         profile = [(foot * rng.uniform(0.85, 1.0), 0.0), *profile]
     if rng.random() < 0.35:
         lip = rng.uniform(0.004, 0.012)
-        profile = [*profile[:-1], (radius, height - 2.0 * wall), (radius + lip, height - wall), (radius + lip, height)]
-        profile = [point for point in profile[:-3] if point[1] < height - 2.5 * wall] + profile[-3:]
+        profile = [*(point for point in profile if point[1] < height - lip - 0.004), (radius, height - lip)]
+        profile = [*profile, (radius + lip, height)]
     return dish(_outline(rng), profile, wall, stand + wall)
 
 
@@ -121,7 +124,7 @@ def mug(rng: np.random.Generator) -> Solid:
     shares = wall_profile(rng, height)
     floor = rng.uniform(1.0, 1.8) * wall
     body = dish(circle(SIDES), [(share * radius, z) for share, z in shares], wall, floor)
-    return body + handle(rng, shares, radius, 0.5 * wall)
+    return body + handle(rng, shares, radius, 0.5 * wall, reaches=(0.7, 1.0))
 
 
 def large_box(rng: np.random.Generator) -> Solid:
@@ -153,4 +156,3 @@ def book(rng: np.random.Generator) -> Solid:
     inset = rng.uniform(0.002, 0.004)
     pages = loft([ring(rectangle(width - inset - 0.001, length - 2 * inset), 1.0, z) for z in (0.001, thick - 0.001)])
     return cover + cover.moved(z=thick - board) + spine + pages.moved(x=0.0005 - inset / 2)
-

@@ -68,9 +68,9 @@ def scissors(rng: np.random.Generator) -> Solid:
         low = 0.0 if side > 0.0 else thick
         edge = np.array([[-0.012, -width / 2], [0.0, -width / 2], [blade, 0.0], [0.0, width / 2], [-0.012, width / 2]])
         wide, long = rng.uniform(0.014, 0.017), rng.uniform(0.017, 0.022) * stretch
-        angle = np.linspace(0.0, 2.0 * np.pi, 17)[:-1]
+        angle = np.linspace(0.0, 2.0 * np.pi, 13)[:-1]
         middle = np.array([-shank - long, wide + size])
-        path = np.column_stack([middle[0] + long * np.cos(angle), middle[1] + wide * np.sin(angle), np.zeros(16)])
+        path = np.column_stack([middle[0] + long * np.cos(angle), middle[1] + wide * np.sin(angle), np.zeros(12)])
         loop = tube(path, superellipse(8, 2.5, 1.1) * size, side=_Z, closed=True)
         bar = np.array([[-0.008, 0.0, 0.0], [-0.55 * shank, 0.003, 0.0], [-shank - 0.3 * long, 0.5 * size, 0.0]])
         arm = tube(bar, superellipse(8, 3.0, 0.9) * size, side=_Z)
@@ -96,7 +96,9 @@ def spatula(rng: np.random.Generator) -> Solid:
     plate = loft([ring(shape * np.column_stack([np.ones(len(shape)), taper]), 1.0, z) for z in (0.0, thick)])
     neck, rod = rng.uniform(0.05, 0.1), rng.uniform(0.003, 0.0045)
     start = -0.5 * blade
-    path = np.array([[start + 0.012, 0.0, 0.5 * thick], [start - 0.3 * neck, 0.0, 0.6 * lift], [start - neck, 0.0, lift]])
+    path = np.array(
+        [[start + 0.012, 0.0, 0.5 * thick], [start - 0.3 * neck, 0.0, 0.6 * lift], [start - neck, 0.0, lift]]
+    )
     stick = tube(path, superellipse(8, 2.5, 1.3) * rod)
     handle = _grip(rng.uniform(0.09, 0.13), rng.uniform(0.007, 0.011), 2.5, rng.uniform(1.0, 1.5))
     return plate + stick + handle.moved(x=start - neck + 0.01, z=lift)
@@ -120,7 +122,9 @@ def spoon(rng: np.random.Generator) -> Solid:
     length, rod = rng.uniform(0.12, 0.26), rng.uniform(0.0028, 0.0045)
     lift = length * (rng.uniform(0.3, 0.7) if ladle else rng.uniform(0.02, 0.12))
     begin = radius - 0.5 * wall
-    path = np.array([[begin, 0.0, top - rod], [begin + 0.15 * length, 0.0, top + 0.5 * lift], [begin + length, 0.0, top + lift]])
+    path = np.array(
+        [[begin, 0.0, top - rod], [begin + 0.15 * length, 0.0, top + 0.5 * lift], [begin + length, 0.0, top + lift]]
+    )
     return head + tube(path, superellipse(10, 3.0, rng.uniform(1.0, 2.2)) * rod, [0.8, 0.9, 1.5])
 
 
@@ -139,13 +143,13 @@ def whisk(rng: np.random.Generator) -> Solid:
     """Returns a whisk: loops of wire that cross at the tip, on a handle."""
     length, radius = rng.uniform(0.09, 0.15), rng.uniform(0.022, 0.036)
     wire, loops = rng.uniform(0.0012, 0.0018), int(rng.integers(3, 5))
-    angle = np.linspace(0.0, np.pi, 8)
+    angle = np.linspace(0.0, np.pi, 10)
     belly = rng.uniform(0.55, 0.7)
     x = length * (1.0 - np.abs(np.cos(angle)) ** 1.5)
     y = radius * np.sign(np.cos(angle)) * np.sin(np.pi * (1.0 - x / length) ** belly)
     y[[0, -1]] = [0.004, -0.004]
     x[[0, -1]] = -0.01
-    loop = tube(np.column_stack([x, y, np.zeros(8)]), circle(6) * wire, side=_Z)
+    loop = tube(np.column_stack([x, y, np.zeros(10)]), circle(6) * wire, side=_Z)
     body = _grip(rng.uniform(0.09, 0.13), rng.uniform(0.008, 0.012), 2.0, 1.0)
     for turn in np.arange(loops) * np.pi / loops:
         body = body + loop.turned(float(turn), _X)
@@ -153,7 +157,7 @@ def whisk(rng: np.random.Generator) -> Solid:
 
 
 def drill(rng: np.random.Generator) -> Solid:
-    """Returns a cordless drill, hot-glue gun or nozzle gun lying on its side: a barrel, a grip and perhaps a battery."""
+    """Returns a cordless drill or hot-glue gun lying on its side: a barrel, a grip and perhaps a battery."""
     length, radius = rng.uniform(0.13, 0.19), rng.uniform(0.022, 0.032)
     tip = rng.uniform(0.25, 0.5)
     profile = [(0.85, 0.0), (1.0, 0.06), (1.0, 0.6), (tip + 0.15, 0.75), (tip, 0.8), (0.8 * tip, 1.0)]
@@ -165,6 +169,8 @@ def drill(rng: np.random.Generator) -> Solid:
     if rng.random() < 0.7:
         base = rounded_rectangle(rng.uniform(0.07, 0.1), rng.uniform(0.05, 0.065), 0.008, corner_points=3)
         high = rng.uniform(0.02, 0.045)
-        body = body + loft([ring(base, 1.0, -grip - 0.8 * high, x=path[2, 0]), ring(base, 1.0, 0.2 * high - grip, x=path[2, 0])])
+        body = body + loft(
+            [ring(base, 1.0, -grip - 0.8 * high, x=path[2, 0]), ring(base, 1.0, 0.2 * high - grip, x=path[2, 0])]
+        )
     trigger = loft([ring(rectangle(0.016, 0.01), 1.0, z, x=at + 0.016) for z in (-radius - 0.025, -0.5 * radius)])
     return (body + trigger).turned(np.pi / 2, _X)

@@ -103,7 +103,7 @@ def evaluate_weights(
         threads: CPU threads, for the whole process; as many as torch takes if None.
 
     Raises:
-        InputError: a number of threads below 1, or scenes of a hand that the weights do not know, or see `known_recipes`.
+        InputError: a number of threads below 1, scenes of a hand that the weights do not know; see `known_recipes`.
         DataError: unusable weights, no such recipes, or a missing object set.
     """
     set_threads(threads)
