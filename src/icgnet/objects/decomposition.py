@@ -20,9 +20,9 @@ MOST_PIECES = 24
 """The physics is slow with objects of more pieces: nearby ones are joined."""
 NEARLY_CONVEX = 0.98
 """A closed component that fills so much of its hull is its own piece."""
-SEARCH = {"mcts_nodes": 10, "mcts_iterations": 40}
-"""CoACD's search for the best cuts: a fourth of its usual effort, with pieces as true."""
-SETTINGS = f"coacd {CONCAVITY} {MOST_PIECES} {NEARLY_CONVEX} {sorted(SEARCH.items())}"
+SEARCH_NODES, SEARCH_ITERATIONS = 10, 40
+"""Of CoACD's search for the best cuts: less than its usual effort, which takes minutes for some scans."""
+SETTINGS = f"coacd {CONCAVITY} {MOST_PIECES} {NEARLY_CONVEX} {SEARCH_NODES} {SEARCH_ITERATIONS}"
 
 Points = Float[np.ndarray, "_ 3"]
 
@@ -74,13 +74,13 @@ def _cut(mesh: trimesh.Trimesh) -> list[Points]:
 def _join(pieces: list[Points]) -> list[Points]:
     """Returns `MOST_PIECES` at most: again and again, those two are joined whose hull adds the least volume."""
     pieces = list(pieces)
-    volumes = [solid_hull(piece).volume for piece in pieces]
+    volumes = [float(solid_hull(piece).volume) for piece in pieces]
     excess = len(pieces) - MOST_PIECES
     added = {pair: _added(pieces, volumes, *pair) for pair in combinations(range(len(pieces)), 2) if excess > 0}
     for _ in range(excess):
         first, second = min(added, key=added.__getitem__)
         pieces[first] = np.concatenate([pieces[first], pieces[second]])
-        volumes[first] = solid_hull(pieces[first]).volume
+        volumes[first] = float(solid_hull(pieces[first]).volume)
         added = {pair: volume for pair, volume in added.items() if not {first, second} & set(pair)}
         pieces[second] = pieces[second][:0]
         others = [index for index, piece in enumerate(pieces) if len(piece) and index != first]
@@ -107,7 +107,8 @@ def _run_coacd(mesh: trimesh.Trimesh) -> list[Points]:
         coacd.Mesh(mesh.vertices, mesh.faces),
         threshold=CONCAVITY,
         max_convex_hull=MOST_PIECES,
-        **SEARCH,
+        mcts_nodes=SEARCH_NODES,
+        mcts_iterations=SEARCH_ITERATIONS,
         # A closed mesh is cut as it is: CoACD's remeshing would round it, and is slow.
         preprocess_mode="off" if mesh.is_watertight else "on",
     )
