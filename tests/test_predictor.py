@@ -263,7 +263,7 @@ def test_the_hand_of_the_weights_is_the_default_and_may_be_mounted_otherwise(pre
 
 
 def test_classes_are_those_of_the_weights(predictor, in_world, depth, tmp_path):
-    names = ("one", "two", "three", "four", "five", "six", "seven")
+    names = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
     network = copy.copy(predictor.network)
     network.config = replace(network.config, classes=names)
     save_weights(tmp_path / "tiny.safetensors", network, {})

@@ -148,7 +148,7 @@ def test_a_right_prediction_is_right_in_everything(with_clicks):
 
 def test_given_classes_of_whole_objects_count_and_unknown_ones_are_named():
     marked = clicks(("box", "bowl", None))
-    scores = score(frame(marked), answer(PERFECT, ("can", "box", "box")), CLASSES)
+    scores = score(frame(marked), answer(PERFECT, ("can", "box", "box")), ("box", "can", "other"))
     assert (scores.classes, scores.unknown_classes) == ((False, False), ("bowl",))
     numbers = summarise([scores])
     assert (numbers.groups[EVERY].class_accuracy.mean, numbers.unknown_classes) == (0.0, {"bowl": 1})

@@ -8,7 +8,6 @@ import pytest
 import trimesh
 
 from box_objects import predicted as predicted_scene
-from icgnet.benchmark.config import PictureConfig
 from icgnet.benchmark.segmentation import (
     FEWEST_POINTS,
     Labelling,
@@ -16,16 +15,13 @@ from icgnet.benchmark.segmentation import (
     compare_masks,
     label_overlaps,
     labelling,
-    measure,
     panoptic_quality,
     summarise,
 )
 from icgnet.benchmark.true_shapes import NamedObject
 from icgnet.cli.main import main
 from icgnet.errors import InputError
-from icgnet.network.config import NETWORKS
-from icgnet.network.icgnet import IcgNet
-from icgnet.network.weights import save_weights
+from icgnet.objects.classes import CLASSES
 
 
 def labels(**counts: int) -> np.ndarray:
@@ -161,8 +157,9 @@ def test_the_command_prints_tables_and_writes_a_report(tmp_path, capsys):
     assert len(report["rows"]) == report["scenes"] == 1
 
 
-def test_weights_of_other_classes_are_refused(tmp_path):
-    config = replace(NETWORKS["tiny"], classes=("mug", "box"))
-    save_weights(tmp_path / "two.safetensors", IcgNet(config), {})
-    with pytest.raises(InputError, match="but the weights know mug, box"):
-        measure(PictureConfig(weights=tmp_path / "two.safetensors"))
+def test_objects_of_classes_that_the_weights_do_not_know_count_as_other():
+    bottle = NamedObject("pile/jar", "bowl", "bottle")
+    assert bottle.known_to(CLASSES) == bottle
+    assert bottle.known_to(("bottle", "other")) == NamedObject("pile/jar", "other", "bottle")
+    with pytest.raises(InputError, match="nor 'other'; the classes are mug"):
+        bottle.known_to(("mug",))

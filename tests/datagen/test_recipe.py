@@ -151,7 +151,7 @@ def test_a_file_of_another_hand_or_of_other_classes_is_named(folder):
     more = replace(HEADER, classes=(*HEADER.classes, "vase"))
     for header, message in (
         (wider, r"hand 'wide' .*max_opening 0.14 instead of 0.08"),
-        (more, "ball, other, vase instead"),
+        (more, "other, vase instead"),
     ):
         write_shard(folder / "scenes-0000003.parquet", [], header)
         with pytest.raises(DataError, match=rf"scenes-0000003\.parquet: its labels are not .*{message}"):

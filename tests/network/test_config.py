@@ -53,12 +53,9 @@ def test_the_same_hand_under_another_name_is_the_same_configuration():
     ]
 
 
-def test_a_hand_and_classes_that_the_network_does_not_know_are_refused():
+def test_a_hand_that_the_network_does_not_know_is_refused():
     config = NETWORKS["tiny"]
     config.check_hand(replace(config.gripper, name="mine"), "the scenes")
-    config.check_classes(list(CLASSES), "the scenes")
     message = r"the scenes have the hand 'x', .* know only 'franka' \('x' has friction 1 instead of 0.75\)"
     with pytest.raises(InputError, match=message):
         config.check_hand(replace(config.gripper, name="x", friction=1.0), "the scenes")
-    with pytest.raises(InputError, match="the scenes have the classes box, but the weights know mug, box, can"):
-        config.check_classes(["box"], "the scenes")

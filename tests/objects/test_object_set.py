@@ -11,10 +11,12 @@ from icgnet.geometry.signed_distance import PITCH
 from icgnet.objects.base import cache_directory
 from icgnet.objects.classes import (
     CLASSES,
+    DEFINITIONS,
     VGN_CLASSES,
     VGN_VAL,
     check_class_list,
     class_index,
+    known_class,
     read_alternatives,
     read_classes,
 )
@@ -156,9 +158,28 @@ def test_class_index_follows_the_list():
         class_index("vase")
 
 
+def test_a_class_that_older_weights_do_not_know_is_other_for_them():
+    old = ("mug", "box", "other")
+    assert [known_class(name, old) for name in ("box", "bowl", "tool", "other")] == ["box", "other", "other", "other"]
+    with pytest.raises(InputError, match="the class 'bowl' is not known, nor 'other'; the classes are mug, box"):
+        known_class("bowl", ("mug", "box"))
+
+
+def test_every_class_has_a_definition_of_one_line():
+    assert set(DEFINITIONS) == set(CLASSES)
+    assert len(CLASSES) == 9
+    guide = (Path(__file__).parents[2] / "docs" / "guides" / "own_objects.md").read_text()
+    for name, definition in DEFINITIONS.items():
+        assert f"| `{name}` | {definition} |\n" in guide
+
+
 def test_shipped_vgn_lists_are_consistent():
     classes = read_classes(VGN_CLASSES)
     assert len(classes) == 343
+    assert set(classes.values()) == set(CLASSES)
+    assert {name: classes[name] for name in ("bowl", "power_drill", "pan_poisson_017")} == {
+        "bowl": "bowl", "power_drill": "tool", "pan_poisson_017": "other",
+    }  # fmt: skip
     assert set(VGN_VAL.read_text().split()) <= classes.keys()
     alternatives = read_alternatives(VGN_CLASSES)
     assert alternatives["campbells_chicken_noodle_soup"] == "can"

@@ -119,13 +119,13 @@ def measure(config: PictureConfig) -> SegmentationNumbers:
             be seen.
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
-    predictor.network.config.check_classes(CLASSES, "the objects of this benchmark")
     return summarise(score_pictures(config, predictor, score_picture))
 
 
 def tables(numbers: SegmentationNumbers) -> list[Table]:
-    """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty rows."""
-    columns = tuple(next(iter(numbers.confusion.values())))
+    """What is printed; of the confusion, rows are true classes and columns predicted ones, without empty ones."""
+    told = tuple(next(iter(numbers.confusion.values())))
+    columns = [name for name in told if name == MISSED or any(row[name] for row in numbers.confusion.values())]
     counts = [
         (name, *(str(row[column] or "") for column in columns))
         for name, row in numbers.confusion.items()
@@ -162,7 +162,8 @@ def score_picture(picture: Picture, prediction: Prediction | None) -> SceneMasks
     owners = picture.truth.owners(prediction.cloud.points)
     if not visible_objects(owners, len(picture.truth)).any():
         return None
-    return compare_masks(picture.index, labelling(prediction), owners, picture.truth.objects)
+    objects = tuple(each.known_to(prediction.classes) for each in picture.truth.objects)
+    return compare_masks(picture.index, labelling(prediction), owners, objects)
 
 
 def labelling(prediction: Prediction) -> Labelling:
@@ -214,7 +215,8 @@ def _mostly_known(predicted: Labelling, owners: Int[np.ndarray, "n"]) -> Bool[np
 def summarise(scenes: Sequence[SceneMasks]) -> SegmentationNumbers:
     """The numbers of at least one scene."""
     by_object: dict[str, Counter[str]] = defaultdict(Counter)
-    confusion: dict[str, dict[str, int]] = {row: dict.fromkeys((*CLASSES, MISSED), 0) for row in (*CLASSES, INVENTED)}
+    names = _class_names(scenes)
+    confusion: dict[str, dict[str, int]] = {row: dict.fromkeys((*names, MISSED), 0) for row in (*names, INVENTED)}
     for pair in _pairs(scenes):
         told = pair.predicted_class or MISSED
         confusion[pair.true.class_name if pair.true else INVENTED][told] += 1
@@ -254,12 +256,18 @@ def class_panoptic_quality(scenes: Sequence[SceneMasks]) -> float | None:
     """Panoptic quality where a match needs the right class, mean over the classes that are true or predicted."""
     classes = [(pair.true and pair.true.class_name, pair.predicted_class, pair.iou) for pair in _pairs(scenes)]
     qualities = []
-    for name in CLASSES:
+    for name in _class_names(scenes):
         ious = [iou for true, told, iou in classes if true == told == name]
         failures = sum((true == name) != (told == name) for true, told, _ in classes)
         if ious or failures:
             qualities.append(_qualities(ious, failures)[0])
     return mean(qualities)
+
+
+def _class_names(scenes: Sequence[SceneMasks]) -> tuple[str, ...]:
+    """The classes of objects that are labelled today, and whatever else weights told."""
+    told = {pair.predicted_class for pair in _pairs(scenes) if pair.predicted_class is not None}
+    return (*CLASSES, *sorted(told - set(CLASSES)))
 
 
 def _qualities(ious: Sequence[float], failures: int) -> tuple[float, float, float]:

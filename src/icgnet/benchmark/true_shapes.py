@@ -1,5 +1,6 @@
 """The true shapes of a scene: what is inside of them, and which of them a measured point belongs to."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,6 +8,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
+from icgnet.objects.classes import known_class
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import Scene, world_mesh
 
@@ -29,6 +31,15 @@ class NamedObject:
     name: str
     class_name: str
     alternative: str | None = None
+
+    def known_to(self, classes: Sequence[str]) -> "NamedObject":
+        """The same for weights of these classes: what they do not know is "other" for them.
+
+        Raises:
+            InputError: they do not know "other", either.
+        """
+        alternative = self.alternative and known_class(self.alternative, classes)
+        return NamedObject(self.name, known_class(self.class_name, classes), alternative)
 
 
 class TrueShapes:

@@ -1,6 +1,5 @@
 """Sizes and choices of the network, and the named presets."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -219,21 +218,6 @@ class NetworkConfig:
             raise InputError(
                 f"{whose} have the hand {gripper.name!r}, but the weights know only {self.gripper.name!r} "
                 f"({gripper.name!r} has {', '.join(gripper.differences(self.gripper))})"
-            )
-
-    def check_classes(self, classes: Sequence[str], whose: str) -> None:
-        """Makes sure that classes are those of the network, in the same order.
-
-        Args:
-            classes: the names.
-            whose: what they belong to, for the message.
-
-        Raises:
-            InputError: they are others.
-        """
-        if tuple(classes) != self.classes:
-            raise InputError(
-                f"{whose} have the classes {', '.join(classes)}, but the weights know {', '.join(self.classes)}"
             )
 
 

@@ -143,15 +143,21 @@ class ObjectSet(ABC):
         return self.__dict__ | {"_models": {}, "_grids": OrderedDict()}
 
 
+Scale = tuple[float, float, float]
+"""Factors along x, y and z."""
+UNSCALED: Scale = (1.0, 1.0, 1.0)
+
+
 @dataclass(frozen=True)
 class ObjectFile:
-    """An object of a set that is read from files."""
+    """An object of a set that is read from files; `scale` is applied to meshes on top of their units."""
 
     path: Path
     class_name: str
     kinds: tuple[Kind, ...]
     split: Split
     class_alternative: str | None = None
+    scale: Scale = UNSCALED
 
 
 class FileObjectSet(ObjectSet):
@@ -209,7 +215,8 @@ class FileObjectSet(ObjectSet):
     def fingerprint(self, key: str) -> str:
         """Returns a short hash of the object's class and files."""
         file = self.file(key)
-        return hash_files(file.path, (file.class_name, self._settings))
+        settings = self._settings if file.scale == UNSCALED else f"{self._settings}, {file.scale}"
+        return hash_files(file.path, (file.class_name, settings))
 
     def without(self, left_out: Mapping[str, str]) -> "FileObjectSet":
         """Returns the set without some of its objects; `left_out` gives the reason for each."""

@@ -12,10 +12,18 @@ import trimesh
 
 from icgnet.errors import DataError, InputError
 from icgnet.files import new_file
-from icgnet.objects.base import FileObjectSet, ObjectSet, cache_directory, doubles
+from icgnet.objects.base import FileObjectSet, ObjectSet, Scale, cache_directory, doubles
 from icgnet.objects.fingerprint import hash_texts
 from icgnet.objects.kinds import Units
-from icgnet.objects.mesh_folder import LIST_FILE, object_paths, read_folder_list, read_scaled_mesh
+from icgnet.objects.mesh_folder import (
+    LIST_FILE,
+    FolderList,
+    object_name,
+    object_paths,
+    published_name,
+    read_folder_list,
+    read_scaled_mesh,
+)
 from icgnet.objects.mixed_set import SEPARATOR, MixedObjectSet
 from icgnet.objects.model import check_size
 from icgnet.objects.urdf import read_urdf_object
@@ -58,10 +66,12 @@ def check_objects(directory: str | Path, units: Units | None = None) -> list[Obj
     paths = urdf_paths(directory) if vgn else object_paths(directory)
     if not paths:
         raise DataError(f"{directory}: no URDFs or meshes found")
-    listed_units = None if vgn else read_folder_list(directory).units
-    names = [object_key(path) if vgn else path.stem for path in paths]
+    names = [object_key(path) if vgn else object_name(path, directory) for path in paths]
+    listed = FolderList() if vgn else read_folder_list(directory, published_name(directory, names))
     double = doubles(Counter(names))
-    reports = [_report(name, path, listed_units or units) for name, path in zip(names, paths, strict=True)]
+    reports = [
+        _report(name, path, listed.units or units, listed.scale(name)) for name, path in zip(names, paths, strict=True)
+    ]
     return [
         ObjectReport(report.name, "broken", (double[report.name], *report.problems))
         if report.name in double
@@ -72,9 +82,13 @@ def check_objects(directory: str | Path, units: Units | None = None) -> list[Obj
 
 def missing_units(directory: Path) -> bool:
     """Returns whether a folder of meshes lacks the units that every other command needs, in its `objects.yaml`."""
-    if is_vgn_layout(directory) or read_folder_list(directory).units is not None:
+    if is_vgn_layout(directory):
         return False
-    return any(path.suffix.lower() != ".urdf" for path in object_paths(directory))
+    paths = object_paths(directory)
+    published = published_name(directory, [object_name(path, directory) for path in paths])
+    if read_folder_list(directory, published).units is not None:
+        return False
+    return any(path.suffix.lower() != ".urdf" for path in paths)
 
 
 def check_object_set(object_set: ObjectSet, keys: Sequence[str]) -> list[ObjectReport]:
@@ -91,32 +105,33 @@ def check_object_set(object_set: ObjectSet, keys: Sequence[str]) -> list[ObjectR
         ]
     if not isinstance(object_set, FileObjectSet):
         return []
-    objects = [(key, object_set.file(key).path, object_set.fingerprint(key)) for key in keys]
+    files = [(key, object_set.file(key)) for key in keys]
+    objects = [(key, file.path, object_set.fingerprint(key)) for key, file in files]
     # The paths too: they are part of what the reports say.
     content = hash_texts(str(CHECK_VERSION), *(f"{key} {path.resolve()} {mark}" for key, path, mark in objects))
     cache = cache_directory() / "object_checks" / f"{content}.json"
     reports = _read_reports(cache)
     if reports is None:
-        reports = [_report(key, path, object_set.units) for key, path, _ in objects]
+        reports = [_report(key, file.path, object_set.units, file.scale) for key, file in files]
         _write_reports(cache, reports)
     return reports
 
 
-def _report(name: str, path: Path, units: Units | None) -> ObjectReport:
+def _report(name: str, path: Path, units: Units | None, scale: Scale) -> ObjectReport:
     try:
-        surface = _read_surface(path, units)
+        surface = _read_surface(path, units, scale)
     except DataError as error:
         return ObjectReport(name, "broken", (str(error),))
     doubts = _doubts(surface)
     return ObjectReport(name, "warning" if doubts else "ok", tuple(doubts))
 
 
-def _read_surface(path: Path, units: Units | None) -> trimesh.Trimesh:
+def _read_surface(path: Path, units: Units | None, scale: Scale) -> trimesh.Trimesh:
     if path.suffix.lower() == ".urdf":
         return read_urdf_object(path, path.stem, "other").visual
     if units is None:
         raise DataError(f'{path}: units unknown; write "units: m" or "units: mm" in {LIST_FILE}')
-    surface = read_scaled_mesh(path, units)
+    surface = read_scaled_mesh(path, units, scale)
     check_size(surface, str(path))
     return surface
 

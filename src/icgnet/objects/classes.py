@@ -8,11 +8,28 @@ from typing import Any
 
 from icgnet.errors import DataError, InputError
 
-CLASSES = ("mug", "box", "can", "bottle", "cylindric", "ball", "other")
-"""Class names in the order of the outputs of networks that are trained from now on (the paper's labels, spelled out).
+DEFINITIONS = {
+    "mug": "cup with a handle",
+    "box": "cuboid package, also flat or slightly rounded ones: cartons, books, parcels",
+    "can": "closed, straight-walled cylinder of food-tin proportions (height at most about 2.2 times the diameter)",
+    "bottle": "container with a neck or a shoulder narrower than its body, also spray bottles, and jugs and "
+    "tubes with a cap",
+    "cylindric": "other bodies of roughly circular cross-section: tall cylinders, markers, torches, cups and glasses "
+    "without a handle, jars, rolls",
+    "ball": "nearly spherical",
+    "bowl": "open dish without a handle, wider than it is deep: bowls, ramekins, plates, trays",
+    "tool": "made to be held and worked with: hammer, screwdriver, pliers, scissors, knife, spoon, whisk, clamp, "
+    "drill, stapler",
+    "other": "everything else: toys, fruit that is not round, pans, shoes, irregular bodies",
+}
+"""What makes an object one of a class."""
+CLASSES = tuple(DEFINITIONS)
+"""Class names in the order of the outputs of networks that are trained from now on.
 
-A new class is one more name, and objects of it. Data and weights name the classes that they were made with.
+A new class is one more entry, and objects of it. Data and weights name the classes that they were made with.
 """
+OTHER = "other"
+"""What an object is for weights and data that do not know its class."""
 MOST_CLASSES = 1000
 
 DATA_DIR = Path(__file__).parent / "data"
@@ -29,6 +46,23 @@ def class_index(name: str, classes: Sequence[str] = CLASSES) -> int:
     if name not in classes:
         raise InputError(f"unknown object class {name!r}; the classes are {', '.join(classes)}")
     return tuple(classes).index(name)
+
+
+def known_class(name: str, classes: Sequence[str]) -> str:
+    """The class of an object among classes that may be older than its own: itself, or `OTHER` where it is not known.
+
+    Args:
+        name: of the object's class.
+        classes: that weights or labels know.
+
+    Raises:
+        InputError: neither is one of them.
+    """
+    if name in classes:
+        return name
+    if OTHER not in classes:
+        raise InputError(f"the class {name!r} is not known, nor {OTHER!r}; the classes are {', '.join(classes)}")
+    return OTHER
 
 
 def check_class_list(names: object) -> tuple[str, ...]:

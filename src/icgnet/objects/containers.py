@@ -61,11 +61,20 @@ def cup(
     return solid, profile, wall
 
 
-def handle(rng: np.random.Generator, profile: Profile, radius: float, sink: float) -> Solid:
-    """Returns a mug's handle in the xz plane, its ends `sink` [m] deep in the wall that the profile describes."""
+def handle(
+    rng: np.random.Generator,
+    profile: Profile,
+    radius: float,
+    sink: float,
+    reaches: tuple[float, float] = (0.5, 0.85),
+) -> Solid:
+    """Returns a mug's handle in the xz plane, its ends `sink` [m] deep in the wall that the profile describes.
+
+    It stands out of the wall by a share of the radius that is drawn from the range `reaches`.
+    """
     height = profile[-1][1]
     low, high = height * rng.uniform(0.1, 0.3), height * rng.uniform(0.7, 0.92)
-    reach = radius * rng.uniform(0.5, 0.85)
+    reach = radius * rng.uniform(*reaches)
     exponent = rng.choice([2.0, 2.0, 3.0, 5.0])
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, 9)
     out = np.abs(np.cos(angle)) ** (2.0 / exponent)

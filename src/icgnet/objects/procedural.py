@@ -1,4 +1,4 @@
-"""The embedded object set: several hundred random shapes of the seven classes, made when they are asked for."""
+"""The embedded object set: a thousand random shapes of all classes, made when they are asked for."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from trimesh.transformations import scale_and_translate
 
-from icgnet.objects import containers, sundries, toys
+from icgnet.objects import containers, sundries, tableware, tools, toys
 from icgnet.objects.base import ObjectSet, check_kind_and_split, unknown_object
 from icgnet.objects.fingerprint import hash_texts
 from icgnet.objects.kinds import CUBE_KINDS, WIDE_KINDS, Kind, Split
@@ -21,7 +21,14 @@ SHAPES_VERSION = 1
 """Raised by every change that alters a shape (a test notices): folders of recipes are not continued with others."""
 
 COUNTS = {"mug": 50, "box": 70, "can": 50, "bottle": 70, "cylindric": 70, "ball": 30, "other": 160}
-"""Shapes of each class, in proportions like those of the VGN set with more mugs and balls."""
+"""Shapes of each word in the keys, in proportions like those of the VGN set with more mugs and balls."""
+
+WIDE = "wide"
+"""First part of the keys of shapes of real sizes, for tables and bins only."""
+WIDE_VERSION = 1
+"""As `SHAPES_VERSION`, of the wide shapes."""
+WIDE_COUNTS = {"bowl": 120, "mug": 60, "tool": 200, "box": 80, "other": 50}
+"""Shapes of each class that are of their real sizes."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +40,13 @@ class Family:
         weight: relative frequency within its class.
         stands: whether it keeps standing upright and may be stretched to the height that "packed"
             scenes need.
+        class_name: of its shapes; the word in their keys where it is None.
     """
 
     make: Callable[[np.random.Generator], Solid]
     weight: float = 1.0
     stands: bool = True
+    class_name: str | None = None
 
 
 FAMILIES: dict[str, tuple[Family, ...]] = {
@@ -65,13 +74,13 @@ FAMILIES: dict[str, tuple[Family, ...]] = {
         Family(containers.fruit),
     ),
     "other": (
-        Family(sundries.bowl, 2.0, stands=False),
+        Family(sundries.bowl, 2.0, stands=False, class_name="bowl"),
         Family(sundries.pan, stands=False),
         Family(toys.block, 3.0),
         Family(toys.star),
-        Family(sundries.hammer, 2.0, stands=False),
-        Family(sundries.wrench, stands=False),
-        Family(sundries.screwdriver, stands=False),
+        Family(sundries.hammer, 2.0, stands=False, class_name="tool"),
+        Family(sundries.wrench, stands=False, class_name="tool"),
+        Family(sundries.screwdriver, stands=False, class_name="tool"),
         Family(sundries.flashlight),
         Family(sundries.banana, 2.0, stands=False),
         Family(sundries.donut, stands=False),
@@ -92,17 +101,38 @@ FAMILIES: dict[str, tuple[Family, ...]] = {
         Family(toys.padlock),
         Family(sundries.dumbbell),
         Family(toys.chair),
-        Family(sundries.spoon, stands=False),
+        Family(sundries.spoon, stands=False, class_name="tool"),
         Family(sundries.funnel),
     ),
+}
+
+
+WIDE_FAMILIES: dict[str, tuple[Family, ...]] = {
+    "bowl": (Family(tableware.bowl, 3.0), Family(tableware.plate, 2.0), Family(tableware.tray)),
+    "mug": (Family(tableware.mug),),
+    "tool": (
+        Family(tools.hammer),
+        Family(tools.wrench),
+        Family(tools.screwdriver),
+        Family(tools.pliers),
+        Family(tools.scissors),
+        Family(tools.spatula),
+        Family(tools.spoon, 1.5),
+        Family(tools.knife),
+        Family(tools.whisk),
+        Family(tools.drill),
+    ),
+    "box": (Family(tableware.large_box, 2.0), Family(tableware.book)),
+    "other": (Family(tableware.pan),),
 }
 
 
 class ProceduralObjectSet(ObjectSet):
     """Shapes with keys "packed/mug_0007" and "pile/mug_0007": the same shape in the sizes of the two scene kinds.
 
-    A shape depends on its name alone. One tenth of each class is "val", one tenth "test". Shapes that cannot
-    stand are in "pile" only.
+    Shapes with keys "wide/bowl_0001" are of their real sizes, and are for tables and bins only. A shape depends on its
+    name alone. One tenth of each word is "val", one tenth "test". Shapes that cannot stand are not in "packed". Some of
+    the shapes that are called "other" are of newer classes: bowls and tools.
     """
 
     def __init__(self) -> None:
@@ -111,25 +141,35 @@ class ProceduralObjectSet(ObjectSet):
     def names(self, kind: Kind, split: Split) -> tuple[str, ...]:
         """Returns the sorted keys of the objects for scenes of `kind` in `split`."""
         check_kind_and_split(kind, split)
-        keys = (key for key, key_split in _splits().items() if key_split == split)
+        keys = (key for key, shape in _shapes().items() if shape.split == split)
         return tuple(key for key in keys if kind in WIDE_KINDS or key.startswith(f"{kind}/"))
 
     def class_name(self, key: str) -> str:
         """Returns an object's class without loading it."""
-        if key not in _splits():
-            raise unknown_object(self.name, key, _splits())
-        return key.split("/")[1].split("_")[0]
+        if key not in _shapes():
+            raise unknown_object(self.name, key, _shapes())
+        return _shapes()[key].class_name
+
+    def group(self, key: str) -> str:
+        """Returns what an object is one of several of: a size of the small shapes, or a class of the wide ones."""
+        return key.rpartition("_")[0] if key.startswith(f"{WIDE}/") else super().group(key)
 
     def fingerprint(self, key: str) -> str:
         """Returns a short hash of the object's name and of the version of the shapes."""
-        return hash_texts(key, self.class_name(key), f"{SEED} {SHAPES_VERSION}")
+        version = WIDE_VERSION if key.startswith(f"{WIDE}/") else SHAPES_VERSION
+        return hash_texts(key, self.class_name(key), f"{SEED} {version}")
 
     def _load(self, key: str) -> ObjectModel:
         kind, shape = key.split("/")
-        class_name, number = shape.split("_")
-        family, rng = _draw_family(class_name, int(number))
-        solid = fit_to_gripper(family.make(rng), "packed" if kind == "packed" else "pile", rng)
-        return ObjectModel(key, class_name, solid.surface, solid.hulls())
+        word, number = shape.split("_")
+        if kind == WIDE:
+            family, rng = _draw_wide_family(word, int(number))
+            solid = family.make(rng)
+            solid = solid.moved(*-solid.surface.center_mass)
+        else:
+            family, rng = _draw_family(word, int(number))
+            solid = fit_to_gripper(family.make(rng), "packed" if kind == "packed" else "pile", rng)
+        return ObjectModel(key, self.class_name(key), solid.surface, solid.hulls())
 
 
 def fit_to_gripper(solid: Solid, kind: Kind, rng: np.random.Generator) -> Solid:
@@ -152,28 +192,56 @@ def fit_to_gripper(solid: Solid, kind: Kind, rng: np.random.Generator) -> Solid:
     return solid.transformed(scale_and_translate(scale, -scale * solid.surface.center_mass))
 
 
-def _draw_family(class_name: str, number: int) -> tuple[Family, np.random.Generator]:
+def _draw_family(word: str, number: int) -> tuple[Family, np.random.Generator]:
     """Returns the family of a shape, and the generator with which it goes on."""
-    rng = np.random.default_rng([SEED, _seed_of(class_name), number])
-    families = FAMILIES[class_name]
+    return _draw_one(FAMILIES[word], np.random.default_rng([SEED, _seed_of(word), number]))
+
+
+def _draw_wide_family(word: str, number: int) -> tuple[Family, np.random.Generator]:
+    """Returns the family of a wide shape, and the generator with which it goes on."""
+    return _draw_one(WIDE_FAMILIES[word], np.random.default_rng([SEED, _wide_seed_of(word), number]))
+
+
+def _draw_one(families: tuple[Family, ...], rng: np.random.Generator) -> tuple[Family, np.random.Generator]:
     weights = np.array([family.weight for family in families])
     return families[rng.choice(len(families), p=weights / weights.sum())], rng
 
 
-def _seed_of(class_name: str) -> int:
+def _seed_of(word: str) -> int:
     """What the draws of a class begin with: its place among the classes that have shapes here."""
-    return list(COUNTS).index(class_name)
+    return list(COUNTS).index(word)
+
+
+def _wide_seed_of(word: str) -> int:
+    """The same for the wide shapes: other numbers than those of the small ones."""
+    return 1000 + list(WIDE_COUNTS).index(word)
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What is known of a shape before it is made."""
+
+    class_name: str
+    split: Split
 
 
 @cache
-def _splits() -> dict[str, Split]:
-    """Returns the split of every key, keys sorted."""
-    splits: dict[str, Split] = {}
-    for class_name, count in COUNTS.items():
-        order = np.random.default_rng([SEED, _seed_of(class_name)]).permutation(count)
-        for number in range(count):
-            split: Split = "test" if order[number] < count // 10 else "val" if order[number] < count // 5 else "train"
+def _shapes() -> dict[str, _Shape]:
+    """Returns what is known of every key, keys sorted."""
+    shapes: dict[str, _Shape] = {}
+    for word, count in COUNTS.items():
+        for number, split in enumerate(_splits(_seed_of(word), count)):
+            family, _ = _draw_family(word, number)
             for kind in CUBE_KINDS:
-                if kind == "pile" or _draw_family(class_name, number)[0].stands:
-                    splits[f"{kind}/{class_name}_{number:04d}"] = split
-    return dict(sorted(splits.items()))
+                if kind == "pile" or family.stands:
+                    shapes[f"{kind}/{word}_{number:04d}"] = _Shape(family.class_name or word, split)
+    for word, count in WIDE_COUNTS.items():
+        for number, split in enumerate(_splits(_wide_seed_of(word), count)):
+            shapes[f"{WIDE}/{word}_{number:04d}"] = _Shape(word, split)
+    return dict(sorted(shapes.items()))
+
+
+def _splits(seed: int, count: int) -> list[Split]:
+    """Returns the split of each of so many shapes."""
+    order = np.random.default_rng([SEED, seed]).permutation(count)
+    return ["test" if place < count // 10 else "val" if place < count // 5 else "train" for place in order]

@@ -15,8 +15,8 @@ class UrdfObjectSet(FileObjectSet):
     """Objects in the VGN layout: `packed/{train,test}/*.urdf` and `pile/{train,test}/*.urdf`, keys "pile/name".
 
     Classes come from `classes.json` in the folder and held-out names from `val.txt`; for the VGN objects
-    themselves both ship with this package. Objects without a class are "other". A key that is in train and in test is
-    left out of both.
+    themselves both ship with this package, and those in the folder do not count. Objects without a class are "other". A
+    key that is in train and in test is left out of both.
 
     Raises:
         DataError: no URDFs, or broken lists.
@@ -61,19 +61,15 @@ def urdf_paths(directory: Path) -> list[Path]:
 
 def _classes(directory: Path, is_vgn: bool) -> tuple[dict[str, str], dict[str, str]]:
     """Classes by name, and those that some of the objects could have had as well."""
-    path = directory / "classes.json"
+    path = VGN_CLASSES if is_vgn else directory / "classes.json"
     if not path.is_file():
-        if not is_vgn:
-            return {}, {}
-        path = VGN_CLASSES
+        return {}, {}
     return read_classes(path), read_alternatives(path)
 
 
 def _held_out(directory: Path, is_vgn: bool) -> set[str]:
-    path = directory / "val.txt"
-    if path.is_file():
-        return set(path.read_text().split())
-    return set(VGN_VAL.read_text().split()) if is_vgn else set()
+    path = VGN_VAL if is_vgn else directory / "val.txt"
+    return set(path.read_text().split()) if path.is_file() else set()
 
 
 def is_vgn_layout(directory: Path) -> bool:

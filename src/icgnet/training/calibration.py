@@ -133,7 +133,7 @@ def calibrate_weights(
 
     Raises:
         InputError: fewer than two scenes wanted, a number of threads below 1, a folder in the place of `out`, or scenes
-            of a hand or of classes that the weights do not know.
+            of a hand that the weights do not know.
         DataError: unusable weights, no or too few validation scenes, a missing object set, or scores that nothing can
             be learnt from (see `fit_calibration`).
     """

@@ -22,6 +22,7 @@ from icgnet.geometry.visibility import visibility_grid
 from icgnet.geometry.workspace import CENTRE, contains
 from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.network.inputs import make_scene_input
+from icgnet.objects.classes import known_class
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet
 from icgnet.training.config import Sampling
@@ -75,19 +76,15 @@ class RecipeDataset(Dataset):
         """Loads all objects that the recipes name.
 
         Raises:
-            DataError: a recipe names an object set that is not given, an object that is not in it, or one of a class
-                that the network does not know.
+            InputError: the network does not know the class of an object, and has no class "other".
+            DataError: a recipe names an object set that is not given, or an object that is not in it.
         """
         if not recipes:
             raise DataError("no recipes to train on")
         self.recipes, self.sampling, self.network, self.seed = list(recipes), sampling, network, seed
         self.assets = load_assets(recipes, object_sets)
-        for (set_name, name), assets in self.assets.items():
-            if assets.class_name not in network.classes:
-                raise DataError(
-                    f"object {name!r} of {set_name!r} has the class {assets.class_name!r}; the labels are of the "
-                    f"classes {', '.join(network.classes)}"
-                )
+        for assets in self.assets.values():
+            known_class(assets.class_name, network.classes)
 
     def __len__(self) -> int:
         return len(self.recipes)
@@ -157,7 +154,7 @@ class RecipeDataset(Dataset):
         return Sample(
             input=scene_input,
             voxel_instances=torch.from_numpy(voxel_instances),
-            classes=torch.tensor([self.network.classes.index(each.assets.class_name) for each in instances]),
+            classes=torch.tensor([self._class_index(each) for each in instances]),
             occupancy_points=_tensor(work_points),
             occupancy=torch.from_numpy(distances < 0),
             occupancy_asked=torch.from_numpy(nearest_and_another(distances, rng)),
@@ -168,6 +165,9 @@ class RecipeDataset(Dataset):
             labels=_tensor(contacts.labels),
             widths=_tensor(contacts.widths),
         )
+
+    def _class_index(self, placement: Placement) -> int:
+        return self.network.classes.index(known_class(placement.assets.class_name, self.network.classes))
 
     def _placements(self, recipe: Recipe) -> list[Placement]:
         return [

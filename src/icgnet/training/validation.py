@@ -10,6 +10,7 @@ from icgnet.errors import DataError
 from icgnet.network.config import NetworkConfig
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
+from icgnet.objects.classes import known_class
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.config import TRAININGS, Sampling
 from icgnet.training.dataset import RecipeDataset, gather_recipes
@@ -39,16 +40,19 @@ def recipes_of_split(data: Sequence[Path], split: str) -> tuple[list[Recipe], La
 
 
 def known_recipes(network: NetworkConfig, data: Sequence[Path], split: str) -> list[Recipe]:
-    """All recipes of a split in the folders, labelled with the hand and the classes that a network knows.
+    """All recipes of a split in the folders, labelled with the hand that a network knows.
+
+    Classes that the network does not know count as "other".
 
     Raises:
-        InputError: the labels are of another hand or other classes.
+        InputError: the labels are of another hand, or of unknown classes, and the network has no class "other".
         DataError: see `recipes_of_split`.
     """
     recipes, header = recipes_of_split(data, split)
     whose = f"the scenes in {', '.join(map(str, data))}"
     network.check_hand(header.gripper, whose)
-    network.check_classes(header.classes, whose)
+    for name in header.classes:
+        known_class(name, network.classes)
     return recipes
 
 
@@ -99,7 +103,7 @@ def evaluate_weights(
         threads: CPU threads, for the whole process; as many as torch takes if None.
 
     Raises:
-        InputError: a number of threads below 1, or scenes of a hand or of classes that the weights do not know.
+        InputError: a number of threads below 1, scenes of a hand that the weights do not know; see `known_recipes`.
         DataError: unusable weights, no such recipes, or a missing object set.
     """
     set_threads(threads)
