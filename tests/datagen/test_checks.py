@@ -57,7 +57,7 @@ def with_contacts(recipe: Recipe, **changes) -> Recipe:
 
 
 def failed(recipe: Recipe, objects: ObjectSet) -> set[str]:
-    measured = check_scene(recipe, objects, GRIPPER).measured
+    measured = check_scene(recipe, objects).measured
     return {check for check, each in measured.items() if (each.amounts > LIMITS[check]).any()}
 
 
@@ -92,13 +92,13 @@ def test_stacked_and_leaning_objects_do_not_float(objects):
     on_top = ON_TABLE + [0.0, 0.01, EDGE + 0.001]
     third = on_top + [0.0, 0.01, EDGE + 0.001]
     assert "object floating" not in failed(scene(ON_TABLE, on_top, third), objects)
-    measured = check_scene(scene(ON_TABLE, on_top, third + [0.0, 0.0, 0.004]), objects, GRIPPER).measured
+    measured = check_scene(scene(ON_TABLE, on_top, third + [0.0, 0.0, 0.004]), objects).measured
     np.testing.assert_allclose(measured["object floating"].amounts, [0.0, 0.001, 0.005], atol=2e-4)
 
 
 def test_the_worst_case_is_named_with_its_scene(objects):
     deep = replace(FAULTY["object inside another"], scene_id=11)
-    checks = check_scenes([GOOD, deep], objects, GRIPPER)
+    checks = check_scenes([GOOD, deep], objects)
     result = checks.results["object inside another"]
     assert result.number == 3
     assert result.failed == pytest.approx(2 / 3)
@@ -110,7 +110,7 @@ def test_the_worst_case_is_named_with_its_scene(objects):
 
 def test_scenes_without_any_success_have_no_hands(objects):
     none = np.zeros(1, np.uint16)
-    checks = check_scenes([with_contacts(GOOD, success=none)], objects, GRIPPER)
+    checks = check_scenes([with_contacts(GOOD, success=none)], objects)
     assert checks.results["hand inside an object"].number == 0
     assert checks.results["hand inside an object"].worst_scene is None
 
@@ -118,13 +118,13 @@ def test_scenes_without_any_success_have_no_hands(objects):
 def test_an_object_that_the_set_lacks_is_an_error(objects):
     unknown = replace(GOOD, objects=(replace(GOOD.objects[0], name="sphere"),))
     with pytest.raises(InputError, match="no object 'sphere'"):
-        check_scene(unknown, objects, GRIPPER)
+        check_scene(unknown, objects)
 
 
 def test_grasps_amid_other_successes_are_the_safest():
     success = np.zeros((1, 12), bool)
     success[0, 3:8] = True
-    grasps = successful_grasps(with_contacts(GOOD, success=pack_bits(success)), GRIPPER)
+    grasps = successful_grasps(with_contacts(GOOD, success=pack_bits(success)))
     assert grasps.angles.tolist() == [3, 4, 5, 6, 7]
     np.testing.assert_allclose(grasps.scores, [0.6, 0.8, 1.0, 0.8, 0.6])
     middle = grasps.poses[2, :3, 3] - GRIPPER.finger_reach * grasps.poses[2, :3, 2]

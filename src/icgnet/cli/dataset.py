@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from icgnet.datagen.card import DataCard
     from icgnet.datagen.recipe import Recipe
-    from icgnet.grasping.gripper import Gripper
     from icgnet.objects.object_set import ObjectSet
     from icgnet.viewer.dataset_sheet import LabelledScene
 
@@ -61,7 +60,6 @@ class Inspect:
         check_panel(self.panel)
         from icgnet.datagen.card import find_objects, make_card
         from icgnet.datagen.recipe import read_manifest, read_recipes
-        from icgnet.grasping.gripper import Gripper
 
         if self.out is not None:
             check_replaceable(self.out, CARD_JSON, self.overwrite)
@@ -82,7 +80,7 @@ class Inspect:
             (folder / CARD_JSON).write_text(json.dumps(card.to_json(), indent=2) + "\n")
             (folder / CARD_MARKDOWN).write_text(card.to_markdown())
             if object_set is not None:
-                _draw(drawn, object_set, Gripper.from_dict(manifest["gripper"]), folder, self.panel)
+                _draw(drawn, object_set, folder, self.panel)
         console.print(f"wrote {self.out}", soft_wrap=True, markup=False)
 
     def _drawn(self, recipes: "Sequence[Recipe]") -> "list[Recipe]":
@@ -111,21 +109,17 @@ def _print_card(card: "DataCard", console: Console) -> None:
         console.print(f"no checks and no sheets: {card.unchecked}", soft_wrap=True, markup=False)
 
 
-def _draw(
-    recipes: "Sequence[Recipe]", object_set: "ObjectSet", gripper: "Gripper", folder: Path, panel: tuple[int, int]
-) -> None:
+def _draw(recipes: "Sequence[Recipe]", object_set: "ObjectSet", folder: Path, panel: tuple[int, int]) -> None:
     from icgnet.viewer.dataset_sheet import draw_dataset_sheets
 
-    scenes = [_labelled_scene(recipe, object_set, gripper, panel) for recipe in recipes]
-    draw_dataset_sheets(scenes, gripper, folder)
+    draw_dataset_sheets([_labelled_scene(recipe, object_set, panel) for recipe in recipes], folder)
 
 
-def _labelled_scene(
-    recipe: "Recipe", object_set: "ObjectSet", gripper: "Gripper", panel: tuple[int, int]
-) -> "LabelledScene":
+def _labelled_scene(recipe: "Recipe", object_set: "ObjectSet", panel: tuple[int, int]) -> "LabelledScene":
     import numpy as np
 
     from icgnet.datagen.checks import successful_grasps
+    from icgnet.geometry.workspace import TABLE_HEIGHT
     from icgnet.simulation.camera import SceneRenderer
     from icgnet.simulation.scene import scene_triangles, world_mesh
     from icgnet.viewer.dataset_sheet import LabelledScene, sheet_view
@@ -133,9 +127,8 @@ def _labelled_scene(
     scene = recipe.scene()
     meshes = tuple(world_mesh(placed, object_set) for placed in scene.objects)
     view = sheet_view(meshes, GOLDEN_ANGLE * recipe.scene_id, panel)
-    image = SceneRenderer(*scene_triangles(scene, object_set)).render(
-        view.intrinsics(panel), panel, view.T_world_camera
-    )
+    renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
+    image = renderer.render(view.intrinsics(panel), panel, view.T_world_camera)
     return LabelledScene(
         title=f"scene {recipe.scene_id} ({recipe.kind})",
         meshes=meshes,
@@ -145,5 +138,10 @@ def _labelled_scene(
         positions=recipe.contacts.positions.astype(np.float64),
         normals=recipe.contacts.normals.astype(np.float64),
         scores=recipe.labels().mean(axis=1),
-        grasps=successful_grasps(recipe, gripper),
+        grasps=successful_grasps(recipe),
+        gripper=recipe.gripper,
+        structures=tuple(
+            each.mesh() for each in scene.surroundings.structures if each.corners[:, 2].max() > TABLE_HEIGHT
+        ),
+        extent=scene.surroundings.extent,
     )

@@ -1,6 +1,7 @@
 """`icgnet study`: measurements that explain the numbers of the benchmark, one subcommand each."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any
 

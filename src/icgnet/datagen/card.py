@@ -10,7 +10,6 @@ from icgnet.datagen.checks import Checks, check_scenes
 from icgnet.datagen.recipe import Recipe
 from icgnet.datagen.statistics import LabelShares, NameUse, Statistics, count_statistics, files_size
 from icgnet.errors import DataError, IcgnetError
-from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet, load_object_set
 
 ORIGIN = ("object_set", "split", "scene", "seed", "format_version", "code_version")
@@ -98,16 +97,13 @@ def make_card(
         missing: why there is no object set.
         checked: scenes to check, drawn at random.
         seed: of that draw.
-
-    Raises:
-        DataError: the manifest does not describe a gripper.
     """
     objects = manifest.get("objects")
     statistics = count_statistics(recipes, files_size(directory), objects if isinstance(objects, Mapping) else None)
     checks = None
     if object_set is not None:
         sample = [recipes[row] for row in draw_rows(len(recipes), checked, seed)]
-        checks = check_scenes(sample, object_set, Gripper.from_dict(manifest["gripper"]))
+        checks = check_scenes(sample, object_set)
     origin = {key: value for key in ORIGIN if isinstance(value := manifest.get(key), str | int | float)}
     return DataCard(directory.resolve().name, origin, statistics, checks, missing)
 
@@ -251,7 +247,13 @@ def _check_table(checks: Checks) -> CardTable:
 
 def _rest_table(checks: Checks) -> CardTable:
     rows = [(f"height of a scene, percentile {each}", f"{1e3 * top:.0f} mm") for each, top in checks.tops.items()]
-    rows.append(("pairs of touching objects a scene", f"{checks.touching_pairs:.2f}"))
+    rows += [
+        ("pairs of touching objects a scene", f"{checks.touching_pairs:.2f}"),
+        ("of these, one on the other", f"{checks.stacked_pairs:.2f}"),
+    ]
+    rows += [(f"longest side, percentile {each}", f"{1e3 * length:.0f} mm") for each, length in checks.lengths.items()]
+    rows += [(f"seen of an object, percentile {each}", _percent(share)) for each, share in checks.visible.items()]
+    rows.append(("of what is seen above the table, no object", _percent(checks.background)))
     return CardTable("Shape of the scenes", ("", "value"), tuple(rows))
 
 

@@ -12,15 +12,17 @@ import trimesh
 from jaxtyping import Float
 
 from icgnet.datagen.recipe import Recipe, unpack_bits
+from icgnet.datagen.sight import Sight, look_at
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
-from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import PlacedObject, world_mesh
+from icgnet.simulation.surroundings import Structure
 
 SLACK = 0.002
 """Visual meshes and the convex pieces that the physics touches differ by up to about this [m]."""
@@ -34,15 +36,19 @@ LIMITS = {
     "object floating": SLACK,
     "object outside the workspace": 0.0,
     "object inside another": SLACK,
+    "object inside a structure": SLACK,
     "hand inside an object": SLACK,
     "hand inside the table": SLACK,
+    "hand inside a structure": SLACK,
 }
 """Check -> the largest length [m] that passes. `check_scene` says what is measured."""
 SURFACE_POINTS = 2000
 """Samples of each object's surface that are asked for their distance to the other objects."""
 HAND_SPACING = 0.005
 """Between the points on a hand that are asked for their distance to objects [m]."""
-HEIGHT_PERCENTILES = (5, 50, 95)
+PERCENTILES = (5, 50, 95)
+STACKED_SLACK = 0.01
+"""What lies on another object begins at most this far below its top [m]: tops are uneven."""
 NEIGHBOURS = 2
 """A grasp counts as the safer, the more of the this many next angles on either side succeed too."""
 
@@ -69,12 +75,18 @@ class SceneChecks:
         measured: by check.
         top: how far the highest object rises above the table [m].
         touching_pairs: pairs of objects within 2 mm of each other.
+        stacked_pairs: those of them of which one begins about where the other ends, or higher.
+        lengths: longest side of each object as it lies [m].
+        seen: what a camera sees of it.
     """
 
     scene_id: int
     measured: dict[str, Measured]
     top: float
     touching_pairs: int
+    stacked_pairs: int
+    lengths: Float[np.ndarray, "i"]
+    seen: Sight
 
 
 @dataclass(frozen=True)
@@ -106,62 +118,80 @@ class Checks:
         scenes: number of scenes looked at.
         results: by check.
         touching_pairs: pairs of objects within 2 mm of each other, a scene.
+        stacked_pairs: pairs of which one lies on the other, a scene.
         tops: percentile -> how far the highest object of a scene rises above the table [m].
+        lengths: percentile -> longest side of an object as it lies [m].
+        visible: percentile -> share of an object's pixels that others and structures leave free.
+        background: share of the pixels above the table that show structures.
     """
 
     scenes: int
     results: dict[str, CheckResult]
     touching_pairs: float
+    stacked_pairs: float
     tops: dict[int, float]
+    lengths: dict[int, float]
+    visible: dict[int, float]
+    background: float
 
 
-def check_scenes(recipes: Sequence[Recipe], object_set: ObjectSet, gripper: Gripper) -> Checks:
+def check_scenes(recipes: Sequence[Recipe], object_set: ObjectSet) -> Checks:
     """All checks on some scenes.
 
     Args:
         recipes: the scenes, at least one.
         object_set: the set that they were made of.
-        gripper: the hand that they were labelled with.
 
     Raises:
         InputError: the set lacks an object.
         DataError: an object's files are broken.
     """
-    scenes = [check_scene(recipe, object_set, gripper) for recipe in recipes]
+    scenes = [check_scene(recipe, object_set) for recipe in recipes]
     return Checks(
         scenes=len(scenes),
         results={check: _result(check, scenes) for check in LIMITS},
         touching_pairs=float(np.mean([scene.touching_pairs for scene in scenes])),
-        tops={each: float(np.percentile([scene.top for scene in scenes], each)) for each in HEIGHT_PERCENTILES},
+        stacked_pairs=float(np.mean([scene.stacked_pairs for scene in scenes])),
+        tops=_percentiles([scene.top for scene in scenes]),
+        lengths=_percentiles(np.concatenate([scene.lengths for scene in scenes])),
+        visible=_percentiles(np.concatenate([scene.seen.visible for scene in scenes])),
+        background=float(np.mean([scene.seen.background for scene in scenes])),
     )
 
 
-def check_scene(recipe: Recipe, object_set: ObjectSet, gripper: Gripper) -> SceneChecks:
-    """The measurements on one scene, with the hands at their nominal poses, without the jitter of the trials.
+def check_scene(recipe: Recipe, object_set: ObjectSet) -> SceneChecks:
+    """The measurements on one scene, with its hand at their nominal poses, without the jitter of the trials.
 
     - contact off its mesh: distance from the contact to the visual mesh of its object.
     - normal points inward: distance to the object 1 mm behind the contact, less that 1 mm before it; about -2 mm where
       all is well.
     - far side of the width off the mesh: as for contacts, at c - w n.
     - object below the table, object outside the workspace: how far its lowest point, its centre of mass is.
-    - object floating: the smallest gap that any way from the object down to the table, over other objects, has.
-    - object inside another: depth of its surface in the other, or of the other's in it.
-    - hand inside an object, hand inside the table: depth of the open hand of each successful grasp.
+    - object floating: the smallest gap that any way from the object down to the table or to a structure, over other
+      objects, has.
+    - object inside another, inside a structure: depth of its surface in the other, or of the other's in it.
+    - hand inside an object, the table, a structure: depth of the open hand of each successful grasp.
 
     Raises:
         InputError: the set lacks an object.
         DataError: an object's files are broken.
     """
-    placed = [_Placed(each, object_set) for each in recipe.scene().objects]
+    scene = recipe.scene()
+    placed = [_Placed(each, object_set) for each in scene.objects]
+    structures = [_Structure(each) for each in scene.surroundings.structures]
     owners, names = recipe.contacts.objects, tuple(each.name for each in recipe.objects)
     positions, normals = recipe.contacts.positions.astype(np.float64), recipe.contacts.normals.astype(np.float64)
     widths = recipe.contacts.widths.astype(np.float64)
-    grasps = successful_grasps(recipe, gripper)
-    hands = _hand_points(gripper, grasps)
+    grasps = successful_grasps(recipe)
+    hands = _hand_points(recipe.gripper, grasps)
     bottoms = np.array([each.mesh.bounds[0, 2] - TABLE_HEIGHT for each in placed])
     centres = np.array([each.T_world_object[:3, 3] for each in placed])
-    beyond = np.concatenate([-centres, centres[:, :2] - SIZE], axis=1).max(axis=1)
+    lower, upper = scene.surroundings.bounds
+    beyond = np.concatenate([lower - centres[:, :2], -centres[:, 2:], centres[:, :2] - upper], axis=1).max(axis=1)
     gaps = _gaps(placed)
+    to_structures = np.array(
+        [min((far.distance(each.surface).min() for far in structures), default=np.inf) for each in placed]
+    )
     wide = widths > 0.0
 
     def of_contacts(amounts: Float[np.ndarray, "g"], rows: np.ndarray) -> Measured:
@@ -174,28 +204,36 @@ def check_scene(recipe: Recipe, object_set: ObjectSet, gripper: Gripper) -> Scen
             _off_mesh(placed, owners[wide], (positions - widths[:, None] * normals)[wide]), owners[wide]
         ),
         "object below the table": Measured(-bottoms, names),
-        "object floating": Measured(_drops(bottoms, gaps), names),
+        "object floating": Measured(_drops(np.minimum(bottoms, to_structures), gaps), names),
         "object outside the workspace": Measured(beyond, names),
         "object inside another": Measured(-gaps.min(axis=1, initial=np.inf), names),
+        "object inside a structure": Measured(-to_structures[np.isfinite(to_structures)], names),
         "hand inside an object": of_contacts(_depths(placed, hands), grasps.instances),
         "hand inside the table": of_contacts(
             np.array([TABLE_HEIGHT - points[:, 2].min() for points in hands]), grasps.instances
         ),
+        "hand inside a structure": of_contacts(
+            _depths(structures, hands) if structures else np.zeros(0),
+            grasps.instances if structures else np.zeros(0, int),
+        ),
     }
     top = max(each.mesh.bounds[1, 2] for each in placed) - TABLE_HEIGHT
-    return SceneChecks(recipe.scene_id, measured, float(top), int((gaps < SLACK).sum()) // 2)
+    tops = np.array([each.mesh.bounds[1, 2] - TABLE_HEIGHT for each in placed])
+    on_other = (gaps < SLACK) & (bottoms[:, None] > tops[None, :] - STACKED_SLACK)
+    lengths = np.array([each.mesh.extents.max() for each in placed])
+    pairs, stacked = int((gaps < SLACK).sum()) // 2, int((on_other | on_other.T).sum()) // 2
+    return SceneChecks(recipe.scene_id, measured, float(top), pairs, stacked, lengths, look_at(scene, object_set))
 
 
-def successful_grasps(recipe: Recipe, gripper: Gripper) -> Grasps:
+def successful_grasps(recipe: Recipe) -> Grasps:
     """The successful grasps of a scene, world frame.
 
     Scores say how safe a grasp is: the share of successes among its angle and the two next ones on either side.
 
     Args:
         recipe: the labelled scene.
-        gripper: that it was labelled with.
     """
-    contacts = recipe.contacts
+    contacts, gripper = recipe.contacts, recipe.gripper
     success = unpack_bits(contacts.success)
     rows, angles = np.nonzero(success)
     padded = np.pad(success, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))
@@ -213,7 +251,7 @@ class _Placed:
     def __init__(self, placed: PlacedObject, object_set: ObjectSet) -> None:
         self.mesh: trimesh.Trimesh = world_mesh(placed, object_set)
         self.T_world_object = placed.T_world_object
-        self._scale = placed.scale
+        self._scale = placed.factors
         self._grid: SignedDistanceGrid = object_set.signed_distance(placed.name)
         samples = trimesh.sample.sample_surface(self.mesh, SURFACE_POINTS, seed=0)[0]
         # Objects rest on their corners, which random samples miss.
@@ -222,6 +260,23 @@ class _Placed:
     def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Signed distance of points in the world frame [m]."""
         return self._grid.distance_from(points, self.T_world_object, self._scale)
+
+
+class _Structure:
+    """A structure in the world, and the signed distance of points from it."""
+
+    def __init__(self, structure: Structure) -> None:
+        mesh = structure.mesh()
+        self._normals = mesh.face_normals
+        self._offsets = np.einsum("fk,fk->f", mesh.face_normals, mesh.triangles[:, 0])
+
+    def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Signed distance of points in the world frame [m]; too small around edges."""
+        return (points @ self._normals.T - self._offsets).max(axis=1)
+
+
+def _percentiles(values: Sequence[float] | Float[np.ndarray, "k"]) -> dict[int, float]:
+    return {each: float(np.percentile(values, each)) for each in PERCENTILES}
 
 
 def _result(check: str, scenes: Sequence[SceneChecks]) -> CheckResult:
@@ -287,6 +342,8 @@ def _hand_points(gripper: Gripper, grasps: Grasps) -> list[Float[np.ndarray, "n 
     ]
 
 
-def _depths(placed: Sequence[_Placed], hands: Sequence[Float[np.ndarray, "n 3"]]) -> Float[np.ndarray, "k"]:
-    """Depth of each hand's deepest point in any object [m], negative for hands that are free."""
+def _depths(
+    placed: Sequence[_Placed | _Structure], hands: Sequence[Float[np.ndarray, "n 3"]]
+) -> Float[np.ndarray, "k"]:
+    """Depth of each hand's deepest point in any object or structure [m], negative for hands that are free."""
     return np.array([max(-each.distance(points).min() for each in placed) for points in hands])

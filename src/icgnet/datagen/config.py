@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from icgnet.errors import InputError
+from icgnet.grasping.hand_family import HandFamily
 from icgnet.objects.kinds import KINDS, Kind, Split
 from icgnet.settings import check_choices, check_range
 from icgnet.simulation.config import Jitter, Physics, WideScenes
@@ -69,7 +70,7 @@ class GenerateConfig:
     """What to generate."""
 
     objects: str = "procedural"
-    """'procedural', or a folder of URDFs (VGN layout) or meshes."""
+    """'procedural', or a folder of URDFs (VGN layout) or meshes; several, separated by commas, are mixed."""
     scene: SceneChoice = "both"
     """Kind of scenes. both: one packed scene for every two piles; wide: two tables for every bin; all: both and wide in
     turns."""
@@ -81,6 +82,10 @@ class GenerateConfig:
     """Of every random draw."""
     gripper: str = "franka"
     """Name of a gripper that ships with the package, or a gripper file."""
+    hands: Literal["one", "family"] = "one"
+    """Grasp with that hand in all scenes, or, but for a share of them, with hands that are drawn from a family."""
+    family: HandFamily = field(default_factory=HandFamily)
+    """The hands to draw from."""
     labels: LabelSettings = field(default_factory=LabelSettings)
     """How scenes are labelled."""
     shard_scenes: int = 50

@@ -44,6 +44,8 @@ def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, ob
         "seed": config.seed,
         "shard_scenes": config.shard_scenes,
         "angles_deg": np.rad2deg(APPROACH_ANGLES).round(6).tolist(),
+        "hands": config.hands,
+        "family": asdict(config.family) if config.hands == "family" else None,
         **asdict(config.labels),
         "left_out": dict(job.object_set.left_out),
         "doubtful": dict(doubtful),

@@ -49,6 +49,7 @@ PALENESS = 0.6
 """How much white is mixed into the colours of objects under contacts and hands."""
 SHAPE_OPACITY = 0.75
 """Of objects among hands, so that a finger inside of one is seen."""
+STRUCTURE_COLOUR, STRUCTURE_OPACITY = (0.55, 0.45, 0.35), 0.35
 CAMERA_ELEVATION, LEVEL_ELEVATION = np.deg2rad(42.0), np.deg2rad(6.0)
 """Above the horizon: what floats above the table or sinks into it shows from nearly level."""
 LEVEL_TURN = np.deg2rad(120.0)
@@ -69,6 +70,9 @@ class LabelledScene:
         normals: outward unit normals there.
         scores: share of the approach angles that succeed at each contact.
         grasps: the successful grasps; high scores are drawn first.
+        gripper: the hand.
+        structures: what else stands there [m].
+        extent: of the table, see `icgnet.simulation.surroundings.Surroundings`; None for the workspace.
     """
 
     title: str
@@ -80,6 +84,9 @@ class LabelledScene:
     normals: Float[np.ndarray, "g 3"]
     scores: Float[np.ndarray, "g"]
     grasps: Grasps
+    gripper: Gripper
+    structures: tuple[trimesh.Trimesh, ...] = ()
+    extent: tuple[float, float, float, float] | None = None
 
     @property
     def panel(self) -> tuple[int, int]:
@@ -88,33 +95,31 @@ class LabelledScene:
         return height, width
 
 
-def draw_dataset_sheets(scenes: Sequence[LabelledScene], gripper: Gripper, folder: Path) -> list[Path]:
+def draw_dataset_sheets(scenes: Sequence[LabelledScene], folder: Path) -> list[Path]:
     """Writes sheets of up to four scenes, one scene a row, into a folder that exists; returns their paths."""
     paths = []
     for start in range(0, len(scenes), SCENES_PER_SHEET):
-        rows = [scene_pictures(scene, gripper) for scene in scenes[start : start + SCENES_PER_SHEET]]
+        rows = [scene_pictures(scene) for scene in scenes[start : start + SCENES_PER_SHEET]]
         paths.append(folder / f"sheet_{start // SCENES_PER_SHEET:02d}.png")
         images = [image for row in rows for image in row.values()]
         draw_sheet(images, [caption for row in rows for caption in row], paths[-1], columns=len(rows[0]))
     return paths
 
 
-def scene_pictures(scene: LabelledScene, gripper: Gripper) -> dict[str, UInt8[np.ndarray, "_ _ 3"]]:
+def scene_pictures(scene: LabelledScene) -> dict[str, UInt8[np.ndarray, "_ _ 3"]]:
     """The pictures of one scene by their captions, from the depth image to the hands."""
     hands = chosen_hands(scene.grasps)
-    among = join([_shapes(scene, SHAPE_OPACITY), _hands(hands, gripper)])
+    among = join([_shapes(scene, SHAPE_OPACITY), _hands(hands, scene.gripper)])
     of_objects = np.where(scene.ids >= 0, scene.depth, 0.0)
     return {
         f"{scene.title}: depth of the objects": colour_depth(of_objects),
         f"{len(scene.meshes)} object{'s' * (len(scene.meshes) != 1)}": colour_ids(scene.ids),
-        "cloud; colour: normal x, y, z": _drawn(_cloud(scene), scene.view, scene.panel),
+        "cloud; colour: normal x, y, z": _drawn(_cloud(scene), scene, scene.view),
         f"{len(scene.scores)} contacts; red: all angles fail": _drawn(
-            join([_shapes(scene, 1.0), _contacts(scene)]), scene.view, scene.panel
+            join([_shapes(scene, 1.0), _contacts(scene)]), scene, scene.view
         ),
-        f"the {len(hands)} safest of {len(scene.grasps)} grasps": _drawn(
-            among, _hands_view(scene, hands, 0.0), scene.panel
-        ),
-        "from another side, nearly level": _drawn(among, _hands_view(scene, hands, LEVEL_TURN), scene.panel),
+        f"the {len(hands)} safest of {len(scene.grasps)} grasps": _drawn(among, scene, _hands_view(scene, hands, 0.0)),
+        "from another side, nearly level": _drawn(among, scene, _hands_view(scene, hands, LEVEL_TURN)),
     }
 
 
@@ -140,9 +145,15 @@ def chosen_hands(grasps: Grasps) -> Grasps:
     return chosen.select(slice(0, MOST_HANDS))
 
 
-def _drawn(triangles: Triangles, view: Perspective, panel: tuple[int, int]) -> UInt8[np.ndarray, "_ _ 3"]:
-    table = TableSurface(TABLE_HEIGHT, (SIZE / 2, SIZE / 2), 0.8 * SIZE)
-    return render(triangles, table, view, panel)
+def _drawn(triangles: Triangles, scene: LabelledScene, view: Perspective) -> UInt8[np.ndarray, "_ _ 3"]:
+    """Triangles on the table with the structures around it; a support with edges is drawn as the square around it."""
+    middle, half = (SIZE / 2, SIZE / 2), 0.8 * SIZE
+    if scene.extent is not None:
+        lower_x, lower_y, upper_x, upper_y = scene.extent
+        middle = ((lower_x + upper_x) / 2, (lower_y + upper_y) / 2)
+        half = max(upper_x - lower_x, upper_y - lower_y) / 2
+    around = [mesh_triangles(mesh, STRUCTURE_COLOUR, STRUCTURE_OPACITY) for mesh in scene.structures]
+    return render(join([triangles, *around]), TableSurface(TABLE_HEIGHT, middle, half), view, scene.panel)
 
 
 def _hands_view(scene: LabelledScene, hands: Grasps, turn: float) -> Perspective:
