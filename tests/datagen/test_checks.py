@@ -9,10 +9,12 @@ import trimesh
 from icgnet.datagen.checks import LIMITS, check_scene, check_scenes, successful_grasps
 from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bits
 from icgnet.errors import InputError
+from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.base import ObjectSet
 from icgnet.objects.object_set import load_object_set
+from icgnet.simulation.surroundings import Surroundings, block
 
 EDGE = 0.04
 GRIPPER = load_gripper("franka")
@@ -52,6 +54,12 @@ def scene(*centres: np.ndarray) -> Recipe:
     return Recipe(7, "packed", "things", "train", 0, GRIPPER, placed, contacts)
 
 
+def beside_wall(recipe: Recipe, centre: np.ndarray) -> Recipe:
+    """The same with a post of 0.1 m, whose middle stands at a place [m]."""
+    post = block("post", (0.1, 0.1, 0.4), make_transform(np.eye(3), centre))
+    return replace(recipe, surroundings=Surroundings((0.0, 0.0, 0.3, 0.3), (post,)))
+
+
 def with_contacts(recipe: Recipe, **changes) -> Recipe:
     return replace(recipe, contacts=replace(recipe.contacts, **changes))
 
@@ -76,6 +84,8 @@ FAULTY = {
     "object inside another": scene(ON_TABLE, ON_TABLE + [EDGE - 0.003, 0.0, 0.0]),
     "hand inside an object": scene(ON_TABLE, ON_TABLE + [0.0, EDGE + 0.01, 0.0]),
     "hand inside the table": with_contacts(GOOD, success=pack_bits(np.eye(12, dtype=bool)[:1])),
+    "object inside a structure": beside_wall(GOOD, ON_TABLE + [EDGE / 2 + 0.047, 0.0, 0.0]),
+    "hand inside a structure": beside_wall(GOOD, ON_TABLE + [0.0, EDGE / 2 + 0.06, 0.0]),
 }
 
 

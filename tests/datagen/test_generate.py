@@ -72,7 +72,7 @@ def test_progress_begins_with_what_was_there(complete, tmp_path):
 
 def test_the_manifest_says_how_the_labels_were_made(complete):
     manifest = json.loads((complete / "manifest.json").read_text())
-    assert manifest["format_version"] == 2
+    assert manifest["format_version"] == 3
     assert manifest["seed"] == 5
     assert manifest["gripper"]["name"] == "franka"
     assert manifest["physics"]["timestep"] == 0.004
@@ -186,7 +186,7 @@ def test_parquet_files_without_a_manifest_are_not_mixed_with_new_ones(complete, 
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("scene", "heap", "packed, pile, both, got 'heap'"),
+        ("scene", "heap", "packed, pile, both, table, bin, wide, all, got 'heap'"),
         ("split", "training", "train, val, test, got 'training'"),
     ],
 )

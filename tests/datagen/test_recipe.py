@@ -135,7 +135,7 @@ def test_another_format_version_is_refused(folder):
 def test_data_of_the_first_version_are_refused_with_what_to_do(folder):
     (folder / "manifest.json").write_text(json.dumps({"format_version": 1}))
     with pytest.raises(
-        DataError, match=r"format version 1, but .* reads 2: make the scenes again with icgnet generate"
+        DataError, match=r"format version 1, but .* reads 3: make the scenes again with icgnet generate"
     ):
         read_recipes(folder)
 

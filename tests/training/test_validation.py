@@ -34,6 +34,20 @@ def test_a_scene_that_shows_nothing_is_not_validated(recipes, shapes):
     assert len(samples) == 2
 
 
+@pytest.mark.parametrize("apart", [False, True])
+def test_samples_are_made_in_another_process_where_one_forks_afterwards(recipes, shapes, monkeypatch, apart):
+    asked = {}
+
+    def load(looks, num_workers, **settings):
+        asked["workers"] = num_workers
+        return [looks[index] for index in range(len(looks))]
+
+    monkeypatch.setattr(validation, "DataLoader", load)
+    samples = validation_samples(NETWORKS["tiny"], SAMPLING, 2, recipes[:2], {"shapes": shapes}, apart)
+    assert len(samples) == 2
+    assert asked["workers"] == int(apart)
+
+
 def test_evaluation_names_a_split_without_scenes(recipes, tmp_path, monkeypatch):
     save_weights(tmp_path / "w.safetensors", IcgNet(NETWORKS["tiny"]), {})
     monkeypatch.setattr(validation, "gather_recipes", lambda folders: (recipes, HEADER))

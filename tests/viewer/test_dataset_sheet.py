@@ -60,6 +60,7 @@ def scene() -> LabelledScene:
         normals,
         np.repeat([0.5, 0.0], 4),
         grasps_on(centres, 3),
+        GRIPPER,
     )
 
 
@@ -71,7 +72,7 @@ def share_of(image: np.ndarray, hue: np.ndarray) -> float:
 
 
 def test_a_row_shows_six_pictures_of_one_size_and_says_which_scene(scene):
-    pictures = scene_pictures(scene, GRIPPER)
+    pictures = scene_pictures(scene)
     assert len(pictures) == 6
     assert {image.shape for image in pictures.values()} == {(*PANEL, 3)}
     captions = " ".join(pictures)
@@ -81,18 +82,18 @@ def test_a_row_shows_six_pictures_of_one_size_and_says_which_scene(scene):
 
 def test_contacts_show_whether_they_can_be_grasped(scene):
     def reddish(drawn: LabelledScene) -> float:
-        return share_of(list(scene_pictures(drawn, GRIPPER).values())[3], np.array([0.62, 0.12, 0.16]))
+        return share_of(list(scene_pictures(drawn).values())[3], np.array([0.62, 0.12, 0.16]))
 
     yellow = score_colours(np.array([1.0]))[0]
     assert reddish(scene) > 0
     assert reddish(replace(scene, scores=np.full(8, 0.5))) == 0
-    assert share_of(list(scene_pictures(scene, GRIPPER).values())[3], yellow) > 0
+    assert share_of(list(scene_pictures(scene).values())[3], yellow) > 0
 
 
 def test_a_contact_with_an_inward_normal_is_hidden_inside_its_object(scene):
     def marked(drawn: LabelledScene) -> int:
         bare = replace(drawn, positions=np.zeros((0, 3)), normals=np.zeros((0, 3)), scores=np.zeros(0))
-        with_contacts, without = (list(scene_pictures(each, GRIPPER).values())[3] for each in (drawn, bare))
+        with_contacts, without = (list(scene_pictures(each).values())[3] for each in (drawn, bare))
         return int((with_contacts != without).any(axis=2).sum())
 
     assert marked(scene) > 20
@@ -103,7 +104,7 @@ def test_a_scene_that_nobody_can_grasp_and_without_contacts_is_drawn_all_the_sam
     bare = replace(
         scene, positions=np.zeros((0, 3)), normals=np.zeros((0, 3)), scores=np.zeros(0), grasps=Grasps.empty()
     )
-    assert "the 0 safest of 0 grasps" in scene_pictures(bare, GRIPPER)
+    assert "the 0 safest of 0 grasps" in scene_pictures(bare)
 
 
 def test_every_object_gets_its_best_hand_and_few_objects_get_several():
@@ -118,7 +119,7 @@ def test_every_object_gets_its_best_hand_and_few_objects_get_several():
 
 
 def test_scenes_are_spread_over_sheets(scene, tmp_path: Path):
-    paths = draw_dataset_sheets([scene] * (SCENES_PER_SHEET + 1), GRIPPER, tmp_path)
+    paths = draw_dataset_sheets([scene] * (SCENES_PER_SHEET + 1), tmp_path)
     assert [path.name for path in paths] == ["sheet_00.png", "sheet_01.png"]
     heights = [Image.open(path).height for path in paths]
     assert heights[0] > 3.5 * heights[1]

@@ -34,13 +34,14 @@ def write_report(out: Path | None, kind: str, config: Any, numbers: Any) -> None
         out: the folder.
         kind: what was measured.
         config: the dataclass that decided the numbers.
-        numbers: a dataclass.
+        numbers: a dataclass; with a method `report`, what that gives.
 
     Raises:
         DataError: the system cannot write, or weights or gripper cannot be read.
     """
     if out is not None:
-        report = {"benchmark": kind, **asdict(numbers), "settings": settings(config)}
+        values = numbers.report() if hasattr(numbers, "report") else asdict(numbers)
+        report = {"benchmark": kind, **values, "settings": settings(config)}
         write_json(out / REPORT_FILE, {**report, "origin": origin()})
 
 

@@ -21,6 +21,7 @@ KINDS = (
     "loader",
     "label-ceiling",
     "hands",
+    "sensor-noise",
     "training-speed",
 )
 """What a report can be of."""

@@ -67,7 +67,7 @@ class TrainingSpeed(Measurement):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise(Measurement):
-    """Noise, holes and edges of real depth images beside those of simulated ones of the same cameras."""
+    """Noise and edges of real depth images beside simulated ones of the same cameras."""
 
     config: Annotated[SensorNoiseConfig, Flat]
 

@@ -66,7 +66,7 @@ class Measured:
     names: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneChecks:
     """The measurements on one scene.
 

@@ -119,7 +119,9 @@ def train(
         object_sets = load_object_sets(objects)
         dataset = RecipeDataset(by_split["train"], object_sets, config.sampling, network, config.seed)
         to_validate = by_split["val"] if fabric.is_global_zero else []
-        validation = validation_samples(network, config.sampling, config.validation_scenes, to_validate, object_sets)
+        validation = validation_samples(
+            network, config.sampling, config.validation_scenes, to_validate, object_sets, apart=config.workers > 0
+        )
         return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from torch.utils.data import DataLoader, Dataset
 
 from icgnet.datagen.recipe import LabelHeader, Recipe
 from icgnet.errors import DataError
@@ -14,6 +15,7 @@ from icgnet.objects.classes import known_class
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.training.config import TRAININGS, Sampling
 from icgnet.training.dataset import RecipeDataset, gather_recipes
+from icgnet.training.interrupts import ignore_interrupts
 from icgnet.training.metrics import GraspTally, count_scenes, summarise
 from icgnet.training.sample import Sample
 
@@ -62,6 +64,7 @@ def validation_samples(
     scenes: int,
     recipes: Sequence[Recipe],
     object_sets: dict[str, ObjectSet],
+    apart: bool = False,
 ) -> list[Sample]:
     """Samples with fixed cameras, the same at every validation; none when there are no recipes.
 
@@ -71,13 +74,36 @@ def validation_samples(
         scenes: at most so many recipes are used, drawn once and for all.
         recipes: of scenes that are not trained on; those that show nothing are left out.
         object_sets: what the recipes are made of, by name.
+        apart: make them in another process. Whoever forks afterwards must not have traced rays itself: the threads that
+            embree starts for that are missing in a child, which may then wait for them for ever.
     """
     chosen = draw_scenes(recipes, scenes)
     if not chosen:
         return []
     dataset = RecipeDataset(chosen, object_sets, sampling.for_validation(), network, VALIDATION_SEED)
-    samples = [dataset.look(visit) for visit in range(len(chosen))]
+    looks = _Looks(dataset)
+    samples = DataLoader(
+        looks, batch_size=None, collate_fn=looks.pass_on, num_workers=int(apart), worker_init_fn=ignore_interrupts
+    )
     return [sample for sample in samples if sample is not None]
+
+
+class _Looks(Dataset):
+    """The sample of every scene of a data set at its own visit, or None."""
+
+    def __init__(self, dataset: RecipeDataset) -> None:
+        self.dataset = dataset
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, visit: int) -> Sample | None:
+        return self.dataset.look(visit)
+
+    @staticmethod
+    def pass_on(sample: Sample | None) -> Sample | None:
+        """Hands a sample on as it is."""
+        return sample
 
 
 def draw_scenes(recipes: Sequence[Recipe], most: int) -> list[Recipe]:
