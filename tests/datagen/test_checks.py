@@ -55,8 +55,8 @@ def scene(*centres: np.ndarray) -> Recipe:
 
 
 def beside_wall(recipe: Recipe, centre: np.ndarray) -> Recipe:
-    """The same with a post of 0.1 m, whose middle stands at a place [m]."""
-    post = block("post", (0.1, 0.1, 0.4), make_transform(np.eye(3), centre))
+    """The same with a block of 0.1 x 0.1 x 0.04 m, whose middle stands at a place [m]."""
+    post = block("post", (0.1, 0.1, 0.04), make_transform(np.eye(3), centre))
     return replace(recipe, surroundings=Surroundings((0.0, 0.0, 0.3, 0.3), (post,)))
 
 

@@ -22,7 +22,7 @@ from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import PlacedObject, world_mesh
-from icgnet.simulation.surroundings import Structure
+from icgnet.simulation.surroundings import Structure, Surroundings
 
 SLACK = 0.002
 """Visual meshes and the convex pieces that the physics touches differ by up to about this [m]."""
@@ -210,7 +210,7 @@ def check_scene(recipe: Recipe, object_set: ObjectSet) -> SceneChecks:
         "object inside a structure": Measured(-to_structures[np.isfinite(to_structures)], names),
         "hand inside an object": of_contacts(_depths(placed, hands), grasps.instances),
         "hand inside the table": of_contacts(
-            np.array([TABLE_HEIGHT - points[:, 2].min() for points in hands]), grasps.instances
+            np.array([_depth_in_table(points, scene.surroundings) for points in hands]), grasps.instances
         ),
         "hand inside a structure": of_contacts(
             _depths(structures, hands) if structures else np.zeros(0),
@@ -340,6 +340,14 @@ def _hand_points(gripper: Gripper, grasps: Grasps) -> list[Float[np.ndarray, "n 
         transform_points(pose, gripper.surface_points(float(opening), HAND_SPACING))
         for pose, opening in zip(grasps.poses, grasps.openings, strict=True)
     ]
+
+
+def _depth_in_table(points: Float[np.ndarray, "n 3"], surroundings: Surroundings) -> float:
+    """How far points over the table reach below its top [m]; beyond its edges a hand may be lower."""
+    if surroundings.extent is not None:
+        extent = np.array(surroundings.extent)
+        points = points[((points[:, :2] > extent[:2]) & (points[:, :2] < extent[2:])).all(axis=1)]
+    return TABLE_HEIGHT - float(points[:, 2].min(initial=np.inf))
 
 
 def _depths(

@@ -24,15 +24,17 @@ from icgnet.simulation.world import World
 Mode = Literal["spread", "touching", "stacked", "leaning", "nested", "dropped"]
 
 MODES: dict[str, dict[Mode, float]] = {
-    "table": {"spread": 3.0, "touching": 3.0, "stacked": 2.0, "leaning": 0.7, "nested": 0.8, "dropped": 1.0},
-    "bin": {"spread": 1.0, "touching": 1.0, "stacked": 1.0, "leaning": 0.3, "nested": 0.5, "dropped": 7.0},
+    "table": {"spread": 3.0, "touching": 3.0, "stacked": 4.0, "leaning": 0.7, "nested": 0.8, "dropped": 1.0},
+    "bin": {"spread": 1.0, "touching": 1.0, "stacked": 2.0, "leaning": 0.3, "nested": 0.5, "dropped": 7.0},
 }
 """How objects come into a scene, and how often on the average; every scene draws its own mixture around that."""
 ON_SUPPORT = ("spread", "touching")
 AREA_PER_OBJECT = {"table": 0.014, "bin": 0.008}
 """Smallest part of the support that an object needs [m^2]."""
 UPRIGHT = 0.6
-"""Share of the objects that are put down as they stand."""
+"""Share of the objects that are put down as they stand; all of those that are put on others are."""
+FLAT, SMALLEST_TOP = 0.004, 1e-5
+"""How uneven the top is that an object is put on [m], and what is added to its area [m^2], so that none is left out."""
 GAP = (0.003, 0.03)
 """Objects that are spread are farther apart than a distance from this range [m]."""
 FALL = 0.003
@@ -41,6 +43,8 @@ RAISE, HIGHEST = 0.006, 0.5
 """Where that is inside of something, it starts higher by such steps, up to this height above the support [m]."""
 STEP = 0.004
 """Steps in which an object is moved towards the one that it shall touch [m]."""
+STACK_TRIES, RAISED = 2, 0.01
+"""What is to be stacked but ends less than this above the support [m] is put on something again, so often in all."""
 PLACES = 8
 """Places that are tried for an object."""
 TRIES = 50
@@ -159,7 +163,7 @@ def _draw_object(
         scale = float(np.float32(rng.uniform(least, most)))
         along_x, along_y, along_z = stretch.astype(np.float32).tolist()
         kept = along_x, along_y, along_z
-        upright = mode not in ("dropped", "leaning") and rng.random() < UPRIGHT
+        upright = mode == "stacked" or (mode not in ("dropped", "leaning") and rng.random() < UPRIGHT)
         rotation = rotation_z(rng.uniform(0.0, 2.0 * np.pi)) if upright else random_rotation(rng)
         vertices = np.concatenate([part.vertices for part in model.parts]) * (scale * np.array(kept))
         return _Draw(name, model, scale, kept, rotation, mode, vertices)
@@ -201,10 +205,13 @@ class _Layout:
             if draw.mode not in ON_SUPPORT and not settled:
                 self._settling.wait_for_rest(SHORT_REST)
                 settled = True
-            if not ways[draw.mode](index, draw):
-                self._world.park(index)
-            elif settled:
-                self._settling.wait_for_rest(SHORT_REST)
+            for _ in range(STACK_TRIES if draw.mode == "stacked" else 1):
+                if not ways[draw.mode](index, draw):
+                    self._world.park(index)
+                elif settled:
+                    self._settling.wait_for_rest(SHORT_REST)
+                if self._corners(index)[:, 2].min() > TABLE_HEIGHT + RAISED:
+                    break
         self._settling.wait_for_rest(LONG_REST)
         self._settling.remove_outside()
         for index in self._world.sunk_objects(SUNK).tolist():
@@ -238,12 +245,14 @@ class _Layout:
         return False
 
     def _stacked(self, index: int, draw: _Draw) -> bool:
-        """On another object, or on the pile that is there."""
-        base = self._any_base(index)
-        if base is None:
+        """On another object, or on the pile that is there: the larger and flatter its top, the more often."""
+        present = self._present(index)
+        if not present:
             return self._spread(index, draw)
-        corners = self._corners(base)
-        lower, upper = corners.min(axis=0), corners.max(axis=0)
+        tops = [self._top(base) for base in present]
+        areas = np.array([np.ptp(top[:, :2], axis=0).prod() + SMALLEST_TOP for top in tops])
+        top = tops[self._rng.choice(len(tops), p=areas / areas.sum())]
+        lower, upper = top.min(axis=0), top.max(axis=0)
         shift = self._rng.uniform(-0.2, 0.2, 2) * (upper - lower)[:2]
         return self._put_above(index, draw, (lower + upper)[:2] / 2 + shift, float(upper[2]))
 
@@ -281,6 +290,11 @@ class _Layout:
     def _any_base(self, index: int) -> int | None:
         present = self._present(index)
         return int(self._rng.choice(present)) if present else None
+
+    def _top(self, index: int) -> Float[np.ndarray, "v 3"]:
+        """The vertices of an object that are about as high as its highest one [m]."""
+        corners = self._corners(index)
+        return corners[corners[:, 2] > corners[:, 2].max() - FLAT]
 
     def _corners(self, index: int) -> Float[np.ndarray, "v 3"]:
         """Vertices of an object where it is now [m]."""

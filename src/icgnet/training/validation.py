@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
@@ -101,7 +102,7 @@ class _Looks(Dataset):
         return self.dataset.look(visit)
 
     @staticmethod
-    def pass_on(sample: Sample | None) -> Sample | None:
+    def pass_on(sample: Any) -> Any:
         """Hands a sample on as it is."""
         return sample
 
