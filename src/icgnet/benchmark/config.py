@@ -10,7 +10,7 @@ from icgnet.objects.kinds import Kind, Split
 from icgnet.settings import check_choices, check_range
 
 ViewName = Literal["random", "side", "top"]
-NoiseName = Literal["none", "gaussian", "dex"]
+NoiseName = Literal["none", "gaussian", "dex", "stereo"]
 OUR_NETWORK = "icgnet"
 NOTHING_FOUND = "nothing found"
 """How a picture ends without a grasp, beside the causes of failed attempts."""
@@ -29,7 +29,7 @@ class SceneConfig:
     split: Split = "test"
     """Which objects: val for choosing, test for reporting."""
     view: ViewName = "random"
-    """Where the camera stands."""
+    """Where the camera stands in packed and pile scenes; before a table or bin it stands so that all of it is seen."""
     noise: NoiseName = "gaussian"
     """What the sensor does."""
     seed: int = 1

@@ -85,8 +85,13 @@ def worst(rounds: Sequence[Round], count: int) -> list[Shot]:
 
 def look_again(job: ClutterJob, shot: Shot, planner: Planner) -> Replay:
     """The picture as it was taken, and the plan that was made of it, if the planner depends on nothing else."""
-    placed = zip(shot.scene, shot.scales, shot.object_poses, strict=True)
-    scene = Scene(job.config.scene, tuple(PlacedObject(name, scale, np.array(pose)) for name, scale, pose in placed))
+    stretches = shot.stretches or [[1.0, 1.0, 1.0]] * len(shot.scene)
+    objects = tuple(
+        PlacedObject(name, scale, np.array(pose), (stretch[0], stretch[1], stretch[2]))
+        for name, scale, pose, stretch in zip(shot.scene, shot.scales, shot.object_poses, stretches, strict=True)
+    )
+    surroundings = round_scene(job.config, shot.run, shot.round, job.object_set).surroundings
+    scene = Scene(job.config.scene, objects, surroundings)
     observation = job.look(shot.run, shot.round, shot.attempt, scene, planner.needs_truth)
     return Replay(shot, TrueShapes(scene, job.object_set), observation, planner.plan(observation))
 

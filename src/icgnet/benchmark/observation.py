@@ -7,11 +7,13 @@ from jaxtyping import Float
 
 from icgnet.benchmark.config import NoiseName, ViewName
 from icgnet.benchmark.true_shapes import TrueShapes
-from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
-from icgnet.geometry.clouds import PointCloud, radius_outlier_mask
+from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose, unproject
+from icgnet.geometry.clouds import PointCloud, radius_outlier_mask, voxel_downsample
+from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.tsdf import fuse
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.kinds import WIDE_KINDS, Kind
 from icgnet.objects.object_set import ObjectSet
 from icgnet.sensors.config import NOISES, SensorNoise, exactly
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
@@ -48,8 +50,19 @@ SENSORS: dict[NoiseName, SensorNoise] = {
     "none": NOISES["clean"],
     "gaussian": SensorNoise(gaussian=exactly(0.0008)),
     "dex": NOISES["dex"],
+    "stereo": NOISES["stereo"],
 }
-"""No noise; 0.8 mm on the points of the cloud, as published; noise on the depth image."""
+"""No noise; 0.8 mm on the points of the cloud, as published; noise on the depth image; a RealSense D400."""
+
+WIDE_POLAR_DEG: dict[Kind, tuple[float, float]] = {"table": (20.0, 55.0), "bin": (0.0, 35.0)}
+"""Angle of cameras from the vertical before tables and bins [degrees]."""
+WIDE_DISTANCE = (0.45, 0.7)
+"""Their distance from the middle of the support [m], and how much farther for each metre of its longer side."""
+CAMERAS_TRIED = 30
+FEWEST_SEEN = 0.5
+"""Cameras that see fewer of the objects stand behind something, and are drawn again."""
+WIDE_SPACING, TABLE_NOISE = 0.003, 0.01
+"""Distance of the points of wide clouds, and how far above the table they begin, where sensors err by millimetres [m]."""
 
 RESOLUTION = 180  # voxels along the workspace's edge of the published fusion
 LOWER, UPPER = np.array([0.02, 0.02, 0.055]), np.array([0.28, 0.28, 0.30])
@@ -70,6 +83,7 @@ class Observation:
         gripper: the hand.
         full_opening: whether the hand will approach fully opened, whatever opening the planner gives.
         rng: source of everything that the planner draws.
+        wide: whether it is a whole table or bin, of which `cloud` holds all that stands out of the support.
         truth: what really stands there, only for planners that ask for it, as a ceiling for the others.
     """
 
@@ -82,6 +96,7 @@ class Observation:
     full_opening: bool
     rng: np.random.Generator
     truth: TrueShapes | None = None
+    wide: bool = False
 
     def openings(self, widths: Float[np.ndarray, "g"]) -> Float[np.ndarray, "g"]:
         """Openings [m] with which the hand would approach objects of these widths [m]."""
@@ -122,14 +137,50 @@ def observe(
     Raises:
         InputError: unknown view or noise.
     """
-    pose = draw_camera(check_choice("view", view, tuple(VIEWS)), rng)
     sensor = SENSORS[check_choice("noise", noise, tuple(SENSORS))]
+    if scene.kind in WIDE_KINDS:
+        return _observe_wide(scene, object_set, sensor, gripper, full_opening, rng)
+    pose = draw_camera(check_choice("view", view, tuple(VIEWS)), rng)
     image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
     image = corrupt_depth(image, DEFAULT_INTRINSICS, sensor, rng)
     depth = np.asarray(image.depth, np.float64)
     points, _ = corrupt_points(points_above_table(depth, DEFAULT_INTRINSICS, pose), sensor, rng)
     cloud = PointCloud(without_lonely_points(points), pose[:3, 3], "world")
     return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng)
+
+
+def _observe_wide(
+    scene: Scene,
+    object_set: ObjectSet,
+    sensor: SensorNoise,
+    gripper: Gripper,
+    full_opening: bool,
+    rng: np.random.Generator,
+) -> Observation:
+    """A picture of a whole table or bin; its cloud holds what is seen above the support, structures as well."""
+    renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
+    for _ in range(CAMERAS_TRIED):
+        pose = _wide_camera(scene, rng)
+        image = renderer.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
+        if len(np.unique(image.ids[image.ids >= 0])) >= FEWEST_SEEN * len(scene.objects):
+            break
+    depth = np.asarray(corrupt_depth(image, DEFAULT_INTRINSICS, sensor, rng).depth, np.float64)
+    points = transform_points(pose, unproject(depth, DEFAULT_INTRINSICS)[depth > 0])
+    lower, upper = scene.surroundings.bounds
+    over = ((points[:, :2] > lower) & (points[:, :2] < upper)).all(axis=1)
+    points, _ = corrupt_points(points[over & (points[:, 2] > TABLE_HEIGHT + TABLE_NOISE)], sensor, rng)
+    points = without_lonely_points(voxel_downsample(points, WIDE_SPACING)[0]) if len(points) else points
+    cloud = PointCloud(points, pose[:3, 3], "world")
+    return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng, wide=True)
+
+
+def _wide_camera(scene: Scene, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+    """T_world_camera of a camera that looks at the middle of the support."""
+    lower, upper = scene.surroundings.bounds
+    nearest, more = WIDE_DISTANCE
+    distance = nearest + more * float((upper - lower).max()) + rng.uniform(0.0, 0.1)
+    polar, azimuth = np.deg2rad(rng.uniform(*WIDE_POLAR_DEG[scene.kind])), rng.uniform(0.0, 2.0 * np.pi)
+    return sphere_pose(np.array([*((lower + upper) / 2), TABLE_HEIGHT]), distance, polar, azimuth)
 
 
 def points_above_table(

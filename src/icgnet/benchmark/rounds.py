@@ -5,7 +5,7 @@ Paper: "Experiments". The rules are those of the published benchmark code; docs/
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -15,12 +15,15 @@ from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.scene import Scene
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
-OBJECTS = 5  # tried for in every scene
+OBJECTS = 5  # tried for in every packed or pile scene
+WIDE_OBJECTS = (4, 10)  # tried for on a table or in a bin: least and most
+MOST_ATTEMPTS = 12  # in a round
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
 SCENE, CAMERA, PLANNER = 0, 1, 2  # what a random stream is for; each has its own
 
@@ -37,6 +40,7 @@ class Shot:
         scales: factors on their meshes.
         object_poses: their T_world_object.
         camera: T_world_camera.
+        stretches: further factors along the axes of the meshes; none given for 1.
     """
 
     run: int
@@ -46,6 +50,7 @@ class Shot:
     scales: list[float]
     object_poses: list[list[list[float]]]
     camera: list[list[float]]
+    stretches: list[list[float]] = field(default_factory=list, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -156,11 +161,15 @@ def random_stream(config: SceneConfig, run: int, index: int, *purpose: int) -> n
 def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
     """The scene that a round begins with, whatever planner is tested."""
     rng = random_stream(config, run, index, SCENE)
-    return spawn_scene(config.scene, object_set, config.split, rng, OBJECTS)
+    count = int(rng.integers(WIDE_OBJECTS[0], WIDE_OBJECTS[1] + 1)) if config.scene in WIDE_KINDS else OBJECTS
+    return spawn_scene(config.scene, object_set, config.split, rng, count)
 
 
 def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round:
-    """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures."""
+    """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures.
+
+    After `MOST_ATTEMPTS` grasps a round is over, too.
+    """
     scene = round_scene(job.config, run, index, job.object_set)
     cell = Workcell(scene, job.object_set, job.gripper)
 
@@ -178,6 +187,7 @@ def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round
             scales=[placed.scale for placed in now.objects],
             object_poses=[placed.T_world_object.tolist() for placed in now.objects],
             camera=observation.T_world_camera.tolist(),
+            stretches=[list(placed.stretch) for placed in now.objects] if observation.wide else [],
         )
         return carry_out(job, cell, shot, plan, scene, seconds) if len(plan) else shot
 
@@ -195,7 +205,7 @@ def until_over(take: Callable[[int], Shot], remaining: Callable[[], int]) -> tup
     attempts: list[Attempt] = []
     skipped: list[Shot] = []
     failures = 0
-    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS:
+    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS and len(attempts) < MOST_ATTEMPTS:
         shot = take(len(attempts) + len(skipped))
         if isinstance(shot, Attempt):
             attempts.append(shot)

@@ -72,7 +72,7 @@ class TrueShapes:
         """Signed distance of points to one object [m], negative inside."""
         placed = self.scene.objects[index]
         grid = self.object_set.signed_distance(placed.name)
-        return grid.distance_from(points, placed.T_world_object, placed.scale)
+        return grid.distance_from(points, placed.T_world_object, placed.factors)
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "i n"]:
         """Signed distance of points to every object [m], negative inside."""

@@ -7,6 +7,8 @@ from icgnet.benchmark.observation import Observation, points_above_table, withou
 from icgnet.benchmark.planner import Plan
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.depth_scale import levelled_depth
+from icgnet.inference.prediction import Prediction
+from icgnet.inference.tabletop import TableNotFoundError
 from icgnet.predictor import Predictor
 
 
@@ -37,12 +39,26 @@ class IcgNetPlanner:
 
     def plan(self, observation: Observation) -> Plan:
         """Grasps that touch nothing that was seen or is predicted; the prediction is in `details`."""
-        cloud = cloud_on_table(observation) if self._level_table else observation.cloud
         gripper = observation.gripper
-        if len(cloud) == 0:
-            return Plan.nothing()
         search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")
         predictor = Predictor(self._predictor.network, gripper, search, seed=int(observation.rng.integers(2**31)))
-        prediction = predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
+        prediction = self._wide(predictor, observation) if observation.wide else self._cube(predictor, observation)
+        if prediction is None:
+            return Plan.nothing()
         grasps = prediction.grasps
         return Plan(grasps.poses, grasps.openings, grasps.scores, prediction)
+
+    def _cube(self, predictor: Predictor, observation: Observation) -> Prediction | None:
+        """What is found in the cloud of a packed or pile scene; None where that is empty."""
+        cloud = cloud_on_table(observation) if self._level_table else observation.cloud
+        if len(cloud) == 0:
+            return None
+        return predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
+
+    def _wide(self, predictor: Predictor, observation: Observation) -> Prediction | None:
+        """What is found in the picture of a whole table or bin; None where no table is."""
+        view = (observation.intrinsics, observation.T_world_camera, observation.table_height)
+        try:
+            return predictor.predict_depth(observation.depth, *view)
+        except TableNotFoundError:
+            return None
