@@ -131,7 +131,18 @@ def test_objects_that_do_not_fit_are_one_line(kind, config):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["objects", "table_edge", "bin_edge", "bin_height", "bin_slope_deg", "scale"])
-def test_inverted_ranges_are_refused_by_name(name):
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("objects", lambda: WideScenes(objects=(9, 8))),
+        ("table_edge", lambda: WideScenes(table_edge=(9.0, 8.0))),
+        ("bin_edge", lambda: WideScenes(bin_edge=(9.0, 8.0))),
+        ("bin_height", lambda: WideScenes(bin_height=(9.0, 8.0))),
+        ("bin_slope_deg", lambda: WideScenes(bin_slope_deg=(9.0, 8.0))),
+        ("scale", lambda: WideScenes(scale=(9.0, 8.0))),
+        ("longest", lambda: WideScenes(longest=(9.0, 8.0))),
+    ],
+)
+def test_inverted_ranges_are_refused_by_name(name, make):
     with pytest.raises(InputError, match=rf"{name} must be a range .* got \(9(\.0)?, 8(\.0)?\)"):
-        WideScenes(**{name: (9, 8) if name == "objects" else (9.0, 8.0)})
+        make()
