@@ -15,7 +15,7 @@ from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
-from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot
+from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, round_scene
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper

@@ -62,7 +62,7 @@ CAMERAS_TRIED = 30
 FEWEST_SEEN = 0.5
 """Cameras that see fewer of the objects stand behind something, and are drawn again."""
 WIDE_SPACING, TABLE_NOISE = 0.003, 0.01
-"""Distance of the points of wide clouds, and how far above the table they begin, where sensors err by millimetres [m]."""
+"""Distance of the points of wide clouds, and how far above the table they begin, for the sake of noise [m]."""
 
 RESOLUTION = 180  # voxels along the workspace's edge of the published fusion
 LOWER, UPPER = np.array([0.02, 0.02, 0.055]), np.array([0.28, 0.28, 0.30])

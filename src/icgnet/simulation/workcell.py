@@ -269,7 +269,7 @@ def _planes(body: Body) -> list[tuple[Float[np.ndarray, "f 3"], Float[np.ndarray
         normals, offsets = part.face_normals, np.einsum("fk,fk->f", part.face_normals, part.triangles[:, 0])
         if body.stretch != (1.0, 1.0, 1.0):
             normals = normals / np.array(body.stretch)
-            length = np.linalg.norm(normals, axis=1)
+            length = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)  # slivers have no normal
             normals, offsets = normals / length[:, None], offsets / length
         planes.append((normals, offsets * body.scale))
     return planes

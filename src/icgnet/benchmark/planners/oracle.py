@@ -18,6 +18,7 @@ from icgnet.geometry.transforms import transform_points
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.simulation.approach import ApproachChecker
 from icgnet.simulation.config import Jitter, Physics, default_physics
 from icgnet.simulation.contacts import sample_contacts
@@ -145,12 +146,20 @@ def _tried_first(
     scene: Scene,
     observation: Observation,
 ) -> Int[np.ndarray, "g"]:
-    """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does."""
+    """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does.
+
+    On tables and in bins, where things lie on each other, it must leave the others where they are, if any does.
+    """
     trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
+    second_best: list[int] = []
     for grasp in order[:TRIALS].tolist():
-        if trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp])).success:
+        outcome = trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp]))
+        if outcome.success and outcome.disturbed and scene.kind in WIDE_KINDS:
+            second_best.append(grasp)
+        elif outcome.success:
             return np.concatenate([[grasp], order[order != grasp]])
-    return order
+    first = second_best[:1]
+    return np.concatenate([np.array(first, order.dtype), order[~np.isin(order, first)]])
 
 
 def _clear_of_table(
