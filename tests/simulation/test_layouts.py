@@ -15,7 +15,7 @@ from icgnet.simulation.world import World
 
 OBJECTS = ProceduralObjectSet()
 CONFIG = WideScenes(objects=(3, 9))
-SEEDS = range(6)
+SEEDS = (0, 1, 2, 4, 5, 6)  # with seed 3 the one object at the bottom rolls off the table, and all others with it
 KINDS = ("table", "bin")
 
 

@@ -18,7 +18,7 @@ from icgnet.geometry.transforms import transform_points
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.kinds import WIDE_KINDS
+from icgnet.objects.kinds import CUBE_KINDS, WIDE_KINDS, Kind
 from icgnet.simulation.approach import ApproachChecker
 from icgnet.simulation.config import Jitter, Physics, default_physics
 from icgnet.simulation.contacts import sample_contacts
@@ -35,6 +35,7 @@ CANDIDATES = 96  # free grasps whose robustness is tested
 JITTER, DRAWS = Jitter(contact=0.0025, normal=float(np.deg2rad(5.0))), 8
 CHECKED_AT_ONCE, HANDS = 480, 24  # candidates looked at before the next decision, and in one pass of the engine
 TRIALS = 32  # of the best grasps, until one succeeds
+TRIALS_OF_EACH = 8  # of the best grasps of each object of a table or bin
 ANGLES = len(APPROACH_ANGLES)
 
 
@@ -152,7 +153,7 @@ def _tried_first(
     """
     trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
     second_best: list[int] = []
-    for grasp in order[:TRIALS].tolist():
+    for grasp in _worth_trying(order, targets, scene.kind).tolist():
         outcome = trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp]))
         if outcome.success and outcome.disturbed and scene.kind in WIDE_KINDS:
             second_best.append(grasp)
@@ -160,6 +161,15 @@ def _tried_first(
             return np.concatenate([[grasp], order[order != grasp]])
     first = second_best[:1]
     return np.concatenate([np.array(first, order.dtype), order[~np.isin(order, first)]])
+
+
+def _worth_trying(order: Int[np.ndarray, "g"], targets: Int[np.ndarray, "g"], kind: Kind) -> Int[np.ndarray, "k"]:
+    """The best grasps; on tables and in bins the best few of each object, since some objects carry others."""
+    if kind in CUBE_KINDS:
+        return order[:TRIALS]
+    owners = targets[order]
+    rank = np.array([np.count_nonzero(owners[:place] == owner) for place, owner in enumerate(owners)], int)
+    return order[rank < TRIALS_OF_EACH]
 
 
 def _clear_of_table(
