@@ -149,18 +149,16 @@ def _tried_first(
 ) -> Int[np.ndarray, "g"]:
     """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does.
 
-    On tables and in bins, where things lie on each other, it must leave the others where they are, if any does.
+    On tables and in bins, where things lie on and in each other, it must leave the others where they are; if none does,
+    there is nothing to grasp.
     """
     trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
-    second_best: list[int] = []
+    alone = scene.kind in WIDE_KINDS
     for grasp in _worth_trying(order, targets, scene.kind).tolist():
         outcome = trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp]))
-        if outcome.success and outcome.disturbed and scene.kind in WIDE_KINDS:
-            second_best.append(grasp)
-        elif outcome.success:
+        if outcome.success and not (alone and outcome.disturbed):
             return np.concatenate([[grasp], order[order != grasp]])
-    first = second_best[:1]
-    return np.concatenate([np.array(first, order.dtype), order[~np.isin(order, first)]])
+    return order[:0] if alone else order
 
 
 def _worth_trying(order: Int[np.ndarray, "g"], targets: Int[np.ndarray, "g"], kind: Kind) -> Int[np.ndarray, "k"]:
