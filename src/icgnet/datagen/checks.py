@@ -166,7 +166,8 @@ def check_scene(recipe: Recipe, object_set: ObjectSet) -> SceneChecks:
     - normal points inward: distance to the object 1 mm behind the contact, less that 1 mm before it; about -2 mm where
       all is well.
     - far side of the width off the mesh: as for contacts, at c - w n.
-    - object below the table, object outside the workspace: how far its lowest point, its centre of mass is.
+    - object below the table, object outside the workspace: how far its lowest point over the table, its centre of mass
+      is.
     - object floating: the smallest gap that any way from the object down to the table or to a structure, over other
       objects, has.
     - object inside another, inside a structure: depth of its surface in the other, or of the other's in it.
@@ -184,7 +185,7 @@ def check_scene(recipe: Recipe, object_set: ObjectSet) -> SceneChecks:
     widths = recipe.contacts.widths.astype(np.float64)
     grasps = successful_grasps(recipe)
     hands = _hand_points(recipe.gripper, grasps)
-    bottoms = np.array([each.mesh.bounds[0, 2] - TABLE_HEIGHT for each in placed])
+    bottoms = np.array([-_depth_in_table(each.surface, scene.surroundings) for each in placed])
     centres = np.array([each.T_world_object[:3, 3] for each in placed])
     lower, upper = scene.surroundings.bounds
     beyond = np.concatenate([lower - centres[:, :2], -centres[:, 2:], centres[:, :2] - upper], axis=1).max(axis=1)
