@@ -83,7 +83,8 @@ def simulate_capture(
     target = np.array([CENTRE[0], CENTRE[1], 0.10])
     polar, azimuth = np.deg2rad(rng.uniform(*polar_deg)), rng.uniform(0.0, 2.0 * np.pi)
     camera_pose = sphere_pose(target, rng.uniform(0.55, 0.65), polar, azimuth)
-    image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, camera_pose)
+    renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
+    image = renderer.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, camera_pose)
     depth = corrupt_depth(image, DEFAULT_INTRINSICS, noise, rng).depth
     classes = tuple(object_set.class_name(placed.name) for placed in scene.objects)
     return SimulatedCapture(depth, DEFAULT_INTRINSICS, camera_pose, image.ids, classes, scene)

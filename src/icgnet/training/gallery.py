@@ -6,7 +6,7 @@ import numpy as np
 
 from icgnet.errors import InputError
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose
-from icgnet.geometry.workspace import CENTRE
+from icgnet.geometry.workspace import CENTRE, SIZE
 from icgnet.objects.object_set import ObjectSet
 from icgnet.sensors.config import CAMERAS, NOISES, CameraModel, SensorNoise, exactly
 from icgnet.simulation.camera import SceneRenderer
@@ -82,9 +82,11 @@ def make_gallery(scene: Scene, object_set: ObjectSet, polar: float, seed: int) -
     if not scene.objects:
         raise InputError("no object found a place on the table: there is nothing to see")
     triangles, owners = scene_triangles(scene, object_set)
-    renderer = SceneRenderer(triangles, owners)
+    renderer = SceneRenderer(triangles, owners, extent=scene.surroundings.extent)
     margin = np.array([MARGIN, MARGIN, 0.0])
     lower, upper = triangles.min(axis=(0, 1)) - margin, triangles.max(axis=(0, 1)) + margin
+    if scene.surroundings.extent is not None:  # of a whole table or bin, what is in the workspace
+        lower, upper = np.maximum(lower, 0.0), np.minimum(upper, SIZE)
 
     def seen(caption: str, camera: CameraModel, distance: float, noise: SensorNoise, fused: bool) -> GalleryCloud:
         pose = sphere_pose(np.array([CENTRE[0], CENTRE[1], 0.10]), distance, polar, AZIMUTH)
