@@ -13,6 +13,7 @@ from icgnet.errors import DataError, InputError
 
 KINDS = (
     "clutter",
+    "target",
     "reconstruction",
     "segmentation",
     "latency",

@@ -48,11 +48,13 @@ class TrueShapes:
     Args:
         scene: what stands there.
         object_set: of the scene.
+        target: index of the one object that is to be grasped; None if any will do.
     """
 
-    def __init__(self, scene: Scene, object_set: ObjectSet) -> None:
+    def __init__(self, scene: Scene, object_set: ObjectSet, target: int | None = None) -> None:
         self.scene = scene
         self.object_set = object_set
+        self.target = target
 
     def __len__(self) -> int:
         return len(self.scene.objects)
@@ -72,7 +74,7 @@ class TrueShapes:
         """Signed distance of points to one object [m], negative inside."""
         placed = self.scene.objects[index]
         grid = self.object_set.signed_distance(placed.name)
-        return grid.distance_from(points, placed.T_world_object, placed.scale)
+        return grid.distance_from(points, placed.T_world_object, placed.factors)
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "i n"]:
         """Signed distance of points to every object [m], negative inside."""

@@ -2,11 +2,15 @@
 
 from dataclasses import replace
 
-from icgnet.benchmark.config import ClutterConfig
+import numpy as np
+
+from icgnet.benchmark.config import PlannerConfig
 from icgnet.benchmark.observation import Observation, points_above_table, without_lonely_points
 from icgnet.benchmark.planner import Plan
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.depth_scale import levelled_depth
+from icgnet.grasping.grasps import Grasps
+from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.predictor import Predictor
 
 
@@ -20,12 +24,22 @@ def cloud_on_table(observation: Observation) -> PointCloud:
     return PointCloud(points, observation.T_world_camera[:3, 3], "world")
 
 
+def wanted_grasps(prediction: Prediction, observation: Observation) -> Grasps:
+    """All grasps; if there is a target, those of the instance that has the most points in its pixels."""
+    if observation.target is None:
+        return prediction.grasps
+    under = prediction.cloud_instances[observation.wanted(prediction.cloud.points)]
+    counts = np.bincount(under[under != NO_INSTANCE], minlength=1)
+    chosen = int(counts.argmax()) if counts.any() else NO_INSTANCE
+    return prediction.grasps.select(prediction.grasps.instances == chosen)
+
+
 class IcgNetPlanner:
     """Grasps of the predictor, the highest score first."""
 
     needs_truth = False
 
-    def __init__(self, config: ClutterConfig) -> None:
+    def __init__(self, config: PlannerConfig) -> None:
         """Loads the network of a benchmark.
 
         Raises:
@@ -37,12 +51,18 @@ class IcgNetPlanner:
 
     def plan(self, observation: Observation) -> Plan:
         """Grasps that touch nothing that was seen or is predicted; the prediction is in `details`."""
-        cloud = cloud_on_table(observation) if self._level_table else observation.cloud
-        gripper = observation.gripper
+        cloud = observation.cloud
+        if self._level_table and not observation.is_wide:
+            cloud = cloud_on_table(observation)
         if len(cloud) == 0:
             return Plan.nothing()
         search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")
-        predictor = Predictor(self._predictor.network, gripper, search, seed=int(observation.rng.integers(2**31)))
-        prediction = predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
-        grasps = prediction.grasps
+        seed = int(observation.rng.integers(2**31))
+        predictor = Predictor(self._predictor.network, observation.gripper, search, seed=seed)
+        if observation.is_wide:
+            view = (observation.intrinsics, observation.T_world_camera)
+            prediction = predictor.predict_depth(observation.depth, *view, observation.table_height)
+        else:
+            prediction = predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
+        grasps = wanted_grasps(prediction, observation)
         return Plan(grasps.poses, grasps.openings, grasps.scores, prediction)

@@ -73,7 +73,7 @@ class OraclePlanner:
         bodies = scene_bodies(scene, observation.truth.object_set)
         if not bodies:
             return Plan.nothing()
-        lines = _lines(bodies, observation.gripper, observation.rng)
+        lines = _lines(bodies, observation.gripper, observation.rng, observation.truth.target)
         openings = np.repeat(observation.openings(lines.widths), ANGLES)
         poses = grasp_poses(lines.starts, lines.normals, lines.widths, observation.gripper.finger_reach)
         poses = _clear_of_table(poses.reshape(-1, 4, 4), openings, observation)
@@ -89,10 +89,15 @@ class OraclePlanner:
         return Plan(poses[best[order]], openings[best[order]], scores[order])
 
 
-def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator) -> _Lines:
-    """Lines from sampled contacts that fit into the hand and leave the object inside the friction cone."""
+def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator, target: int | None) -> _Lines:
+    """Lines from sampled contacts that fit into the hand and leave the object inside the friction cone.
+
+    All of them are on the target, if there is one.
+    """
+    graspable = list(range(len(bodies))) if target is None else [target]
+    contact_count, bodies = CONTACTS * len(bodies), [bodies[index] for index in graspable]
     meshes = [_touchable(body) for body in bodies]
-    contacts = sample_contacts(meshes, CONTACTS * len(meshes), rng)
+    contacts = sample_contacts(meshes, contact_count, rng)
     fits = (contacts.widths > THINNEST) & (contacts.widths < gripper.max_opening - SPARE)
     contact, number = np.nonzero(fits)
     starts, normals, widths = contacts.positions[contact], contacts.normals[contact], contacts.widths[contact, number]
@@ -104,7 +109,7 @@ def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator) -> _L
         distance[own] = np.linalg.norm(np.cross(_centre_of_mass(body) - starts[own], normals[own]), axis=1)
     firm = squareness > np.cos(np.arctan(gripper.friction))
     preference = squareness - distance / FAR_MIDDLE
-    objects = contacts.objects[contact]
+    objects = np.array(graspable)[contacts.objects[contact]]
     return _Lines(starts[firm], normals[firm], widths[firm], objects[firm], preference[firm])
 
 
