@@ -146,8 +146,8 @@ class Picture:
 def take_picture(scene: Scene, object_set: ObjectSet, view: ViewName, rng: np.random.Generator) -> Picture:
     """A picture by a camera that is drawn.
 
-    A wide scene has a view of its own: from so far that the whole support is seen, and from where at least half of the
-    objects are, which walls and posts may hide.
+    A wide scene has a view of its own: from so far that all is seen but the corners of large tables, and from where at
+    least half of the objects are seen, which walls and posts may hide.
 
     Args:
         scene: what stands there.

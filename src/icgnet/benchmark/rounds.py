@@ -3,7 +3,6 @@
 Paper: "Experiments". The rules are those of the published benchmark code; docs/benchmark.md says where ours differ.
 """
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
@@ -191,25 +190,25 @@ def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round
         )
         return carry_out(job, cell, shot, plan, scene, seconds) if len(plan) else shot
 
-    most = WIDE_ATTEMPTS if scene.kind in WIDE_KINDS else math.inf
+    most = WIDE_ATTEMPTS if scene.kind in WIDE_KINDS else None
     attempts, skipped = until_over(take, lambda: len(cell.remaining), most)
     return Round(run, index, len(scene.objects), len(cell.remaining), attempts, skipped, job.commit)
 
 
 def until_over(
-    take: Callable[[int], Shot], remaining: Callable[[], int], most: float = math.inf
+    take: Callable[[int], Shot], remaining: Callable[[], int], most: int | None = None
 ) -> tuple[list[Attempt], list[Shot]]:
     """Attempts and skipped pictures of a round, to its end.
 
     Args:
         take: the next picture, by its number in the round, and the attempt that came of it, if any.
         remaining: how many objects are left on the table.
-        most: attempts after which it ends.
+        most: attempts after which it ends; None for no limit.
     """
     attempts: list[Attempt] = []
     skipped: list[Shot] = []
     failures = 0
-    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS and len(attempts) < most:
+    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS and len(attempts) != most:
         shot = take(len(attempts) + len(skipped))
         if isinstance(shot, Attempt):
             attempts.append(shot)

@@ -273,7 +273,8 @@ def _planes(body: Body) -> list[tuple[Float[np.ndarray, "f 3"], Float[np.ndarray
         if body.stretch != (1.0, 1.0, 1.0):
             normals = normals / np.array(body.stretch)
             length = np.linalg.norm(normals, axis=1)
-            normals, offsets = normals / length[:, None], offsets / length
+            proper = length > 0.0  # a face without area has no normal
+            normals, offsets = normals[proper] / length[proper, None], offsets[proper] / length[proper]
         planes.append((normals, offsets * body.scale))
     return planes
 

@@ -150,12 +150,22 @@ def _tried_first(
     scene: Scene,
     observation: Observation,
 ) -> Int[np.ndarray, "g"]:
-    """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does."""
+    """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does.
+
+    In wide scenes and for a target all are tried, and one that leaves the neighbours, which may lie on it, is better.
+    """
     trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
-    for grasp in order[:TRIALS].tolist():
-        if trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp])).success:
-            return np.concatenate([[grasp], order[order != grasp]])
-    return order
+    is_careful = observation.is_wide or observation.target is not None
+    first = None
+    for grasp in (order if is_careful else order[:TRIALS]).tolist():
+        outcome = trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp]))
+        if not outcome.success:
+            continue
+        first = grasp if first is None else first
+        if not (is_careful and outcome.disturbed):
+            first = grasp
+            break
+    return order if first is None else np.concatenate([[first], order[order != first]])
 
 
 def _clear_of_table(
