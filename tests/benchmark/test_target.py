@@ -24,6 +24,7 @@ from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
+from icgnet.simulation.trials import Outcome, Trials
 from icgnet.simulation.workcell import PROTOCOLS, Cause, Workcell
 
 OBJECTS, FRANKA = BoxAndBall(), load_gripper()
@@ -83,6 +84,22 @@ def held(planner, scene: Scene, index: int) -> Cause:
 @pytest.mark.parametrize("index", [0, 1])
 def test_the_oracle_grasps_the_wanted_object(index):
     assert held(OraclePlanner(), APART, index) is Cause.HELD
+
+
+@pytest.mark.parametrize(("careful", "first"), [(True, 1), (False, 0)])
+def test_the_oracle_would_rather_leave_the_neighbours_of_a_target_alone(careful, first, monkeypatch):
+    """The first trial holds the target and moves another object; the second one moves none."""
+    tried = []
+
+    def run(self, pose, opening, index):
+        tried.append(pose)
+        return Outcome(True, disturbed=len(tried) == 1)
+
+    monkeypatch.setattr(Trials, "run", run)
+    seen = look(APART, 1)
+    plan = OraclePlanner().plan(seen if careful else replace(seen, target=None))
+    np.testing.assert_array_equal(plan.poses[0], tried[first])
+    assert len(tried) == first + 1
 
 
 def test_holding_another_object_is_a_failure():

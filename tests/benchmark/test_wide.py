@@ -4,7 +4,9 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import trimesh
 
+from box_objects import BoxAndBall
 from icgnet.benchmark import observation
 from icgnet.benchmark.config import ClutterConfig, LatencyConfig
 from icgnet.benchmark.gallery import scene_again
@@ -18,8 +20,10 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import load_object_set
+from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.surroundings import Surroundings, block
+from icgnet.simulation.workcell import _planes
 
 OBJECTS, FRANKA = load_object_set("procedural"), load_gripper()
 CONFIG = ClutterConfig(
@@ -117,3 +121,16 @@ def test_a_stretched_object_is_measured_as_it_is():
     middle = OBJECTS.model(name).visual.bounds.mean(axis=0)
     line = pose[:3, 3] + middle + np.linspace(0.0, 1.2 * half, 200)[:, None] * np.array([1.0, 0.0, 0.0])
     assert (wide.distance(0, line) < 0).sum() > (plain.distance(0, line) < 0).sum()
+
+
+def test_faces_without_area_do_not_make_a_stretched_object_the_target():
+    """Such a face has no normal: what is not a number would be the smallest of all distances."""
+    boxes = BoxAndBall()
+    part = boxes.model("box").parts[0]
+    corner = part.faces[0, 0]
+    faces = np.concatenate([part.faces, [[corner, corner, corner]]])
+    flawed = trimesh.Trimesh(part.vertices, faces, process=False)
+    bodies = [Body(replace(boxes.model("box"), parts=(flawed,)), 1.0, np.eye(4), (1.1, 1.0, 1.0))]
+    ((normals, offsets),) = _planes(bodies[0])
+    assert np.isfinite(normals).all()
+    assert np.isfinite(offsets).all()
