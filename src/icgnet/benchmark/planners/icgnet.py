@@ -57,6 +57,8 @@ class IcgNetPlanner:
         if len(cloud) == 0:
             return Plan.nothing()
         search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")
+        if observation.target is not None:
+            search = replace(search, most=None)  # the first few grasps of all objects may be none of the target's
         seed = int(observation.rng.integers(2**31))
         predictor = Predictor(self._predictor.network, observation.gripper, search, seed=seed)
         if observation.is_wide:
