@@ -10,6 +10,7 @@ from box_objects import RADIUS, BoxAndBall, placed
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
+from icgnet.benchmark.planners import icgnet as icgnet_planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 from icgnet.benchmark.planners.chance import RandomPlanner
 from icgnet.benchmark.planners.icgnet import IcgNetPlanner, cloud_on_table
@@ -110,6 +111,24 @@ def test_the_details_of_the_network_are_its_prediction(planners, scene, objects)
     plan = planners["icgnet"].plan(observation)
     np.testing.assert_array_equal(plan.details.grasps.poses, plan.poses)
     assert len(plan.details.cloud) == len(observation.cloud)
+
+
+@pytest.mark.parametrize("has_target", [False, True])
+def test_with_a_target_the_search_does_not_end_with_the_best_of_other_objects(
+    planners, scene, objects, has_target, monkeypatch
+):
+    searches = []
+
+    class Spy(icgnet_planner.Predictor):
+        def predict_cloud(self, *given):
+            searches.append(self.search)
+            return super().predict_cloud(*given)
+
+    monkeypatch.setattr(icgnet_planner, "Predictor", Spy)
+    observation = look(scene, objects)
+    target = np.ones_like(observation.depth, bool) if has_target else None
+    planners["icgnet"].plan(replace(observation, target=target))
+    assert [search.most for search in searches] == [None if has_target else 5]
 
 
 def test_the_oracle_alone_needs_the_truth(planners, scene, objects):

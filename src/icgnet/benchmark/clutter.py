@@ -7,16 +7,15 @@ import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import binomtest
 
 from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig
 from icgnet.benchmark.record import REPORT_FILE, read_json, settings, source_commit, write_report
 from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, planner_of
-from icgnet.benchmark.statistics import Spread, cell
+from icgnet.benchmark.statistics import Spread, cell, success_rate
 from icgnet.benchmark.tables import Table
 from icgnet.errors import DataError
 from icgnet.files import cut_unfinished_line, write_json
@@ -90,11 +89,10 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
 def _rate(successes: Sequence[int], totals: Sequence[int]) -> Spread | None:
     """Mean and spread over runs, and Wilson's interval of all runs together; None where nothing was tried."""
     rates = [100.0 * s / t for s, t in zip(successes, totals, strict=True) if t]
-    if not rates:
+    pooled = success_rate(sum(successes), sum(totals))
+    if pooled is None:
         return None
-    interval = binomtest(sum(successes), sum(totals)).proportion_ci(0.95, method="wilson")
-    deviation = float(np.std(rates)) if len(totals) > 1 else None
-    return Spread(float(np.mean(rates)), deviation, 100.0 * float(interval.low), 100.0 * float(interval.high))
+    return replace(pooled, mean=float(np.mean(rates)), std=float(np.std(rates)) if len(totals) > 1 else None)
 
 
 def tables(numbers: ClutterNumbers) -> list[Table]:

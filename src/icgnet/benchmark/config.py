@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
-from icgnet.objects.kinds import Kind, Split
+from icgnet.objects.kinds import WIDE_KINDS, Kind, Split
 from icgnet.settings import check_choices, check_range
 
 ViewName = Literal["random", "side", "top"]
@@ -29,7 +29,7 @@ class SceneConfig:
     split: Split = "test"
     """Which objects: val for choosing, test for reporting."""
     view: ViewName = "random"
-    """Where the camera stands in packed and pile scenes; before a table or bin it stands so that all of it is seen."""
+    """Where the camera stands; tables and bins have a view of their own, which is random."""
     noise: NoiseName = "gaussian"
     """What the sensor does."""
     seed: int = 1
@@ -40,6 +40,8 @@ class SceneConfig:
     def __post_init__(self) -> None:
         check_choices(self)
         check_range(self, 0.0, "seed")
+        if self.scene in WIDE_KINDS and self.view != "random":
+            raise InputError(f"view must be random in {self.scene} scenes, got {self.view!r}")
 
     def describe(self) -> str:
         """What stands above the numbers."""
@@ -50,8 +52,8 @@ class SceneConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClutterConfig(SceneConfig):
-    """Let a planner grasp scenes empty, and count."""
+class PlannerConfig(SceneConfig):
+    """A planner that is given pictures of scenes."""
 
     planner: str = OUR_NETWORK
     """icgnet, antipodal, random, oracle, or module:Class of your own."""
@@ -62,19 +64,13 @@ class ClutterConfig(SceneConfig):
     search: GraspSearch = BEST_FEW
     """How icgnet looks for grasps; how far the hand opens is said by --opening."""
     level_table: bool = True
-    """For icgnet: take out a wrong depth scale, which the known height of the table tells."""
-    protocol: Literal["edge", "strict"] = "edge"
-    """What counts as a success: the published rules, or a free approach and the right object held."""
+    """For icgnet, in packed and pile: take out a wrong depth scale, which the known height of the table tells."""
     opening: Literal["full", "predicted"] | None = None
     """How far the hand is open while it approaches; full in the protocol edge, predicted in strict, if not given."""
-    runs: int = 4
-    """How often the rounds are repeated, with other scenes."""
-    rounds: int = 100
-    """Scenes of a run."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range(self, 1.0, "runs", "rounds", "threads")
+        check_range(self, 1.0, "threads")
         if self.search.opening != BEST_FEW.opening:
             raise InputError(f"search.opening has no effect here: give opening {self.search.opening!r} instead")
         usual = {"weights": None, "threads": 1, "search": BEST_FEW, "level_table": True}
@@ -85,13 +81,11 @@ class ClutterConfig(SceneConfig):
     @property
     def full_opening(self) -> bool:
         """Whether the hand approaches fully opened."""
-        opening = self.opening or ("full" if self.protocol == "edge" else "predicted")
-        return opening == "full"
+        return self.opening == "full"
 
     def describe(self) -> str:
         """What stands above the numbers."""
-        opening = "full" if self.full_opening else "predicted"
-        return f"{self.planner}: {super().describe()}, protocol {self.protocol}, opening {opening}"
+        return f"{self.planner}: {super().describe()}"
 
     def decisive(self) -> dict[str, Any]:
         """What the rounds depend on; how many threads compute decides nothing."""
@@ -100,6 +94,53 @@ class ClutterConfig(SceneConfig):
         if self.planner != OUR_NETWORK:
             del values["weights"], values["search"], values["level_table"]
         return {**values, "full_opening": self.full_opening}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClutterConfig(PlannerConfig):
+    """Let a planner grasp scenes empty, and count."""
+
+    protocol: Literal["edge", "strict"] = "edge"
+    """What counts as a success: the published rules, or a free approach and the right object held."""
+    runs: int = 4
+    """How often the rounds are repeated, with other scenes."""
+    rounds: int = 100
+    """Scenes of a run."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, 1.0, "runs", "rounds")
+
+    @property
+    def full_opening(self) -> bool:
+        """Whether the hand approaches fully opened."""
+        opening = self.opening or ("full" if self.protocol == "edge" else "predicted")
+        return opening == "full"
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        opening = "full" if self.full_opening else "predicted"
+        return f"{super().describe()}, protocol {self.protocol}, opening {opening}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetConfig(PlannerConfig):
+    """Let a planner grasp one named object, hidden more or less by others, in one attempt with the rules strict."""
+
+    scene: Kind = "table"
+    """Kind of scenes."""
+    noise: NoiseName = "stereo"
+    """What the sensor does."""
+    opening: Literal["full", "predicted"] | None = None
+    """How far the hand is open while it approaches; predicted if not given."""
+    targets: int = 10
+    """Targets in each tenth of occlusion, from 0 to 0.9."""
+    scenes: int = 400
+    """Scenes that are drawn at most to find them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, 1.0, "targets", "scenes")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
+from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import load_object_set
 from icgnet.output_folder import output_folder
 from icgnet.simulation.scene import PlacedObject, Scene
@@ -83,15 +84,19 @@ def worst(rounds: Sequence[Round], count: int) -> list[Shot]:
     return [shot for shot in mixed if shot is not None][:count]
 
 
+def scene_again(job: ClutterJob, shot: Shot) -> Scene:
+    """What stood there: the objects as recorded; tables and bins as the round's random stream draws them again."""
+    kind, stretches = job.config.scene, shot.stretches or [[1.0, 1.0, 1.0]] * len(shot.scene)
+    placed = zip(shot.scene, shot.scales, shot.object_poses, stretches, strict=True)
+    objects = tuple(PlacedObject(name, scale, np.array(pose), (x, y, z)) for name, scale, pose, (x, y, z) in placed)
+    if kind not in WIDE_KINDS:
+        return Scene(kind, objects)
+    return Scene(kind, objects, round_scene(job.config, shot.run, shot.round, job.object_set).surroundings)
+
+
 def look_again(job: ClutterJob, shot: Shot, planner: Planner) -> Replay:
     """The picture as it was taken, and the plan that was made of it, if the planner depends on nothing else."""
-    stretches = shot.stretches or [[1.0, 1.0, 1.0]] * len(shot.scene)
-    objects = tuple(
-        PlacedObject(name, scale, np.array(pose), (stretch[0], stretch[1], stretch[2]))
-        for name, scale, pose, stretch in zip(shot.scene, shot.scales, shot.object_poses, stretches, strict=True)
-    )
-    surroundings = round_scene(job.config, shot.run, shot.round, job.object_set).surroundings
-    scene = Scene(job.config.scene, objects, surroundings)
+    scene = scene_again(job, shot)
     observation = job.look(shot.run, shot.round, shot.attempt, scene, planner.needs_truth)
     return Replay(shot, TrueShapes(scene, job.object_set), observation, planner.plan(observation))
 

@@ -3,23 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from icgnet.benchmark.config import NoiseName, ViewName
 from icgnet.benchmark.true_shapes import TrueShapes
-from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose, unproject
+from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, pixel_rays, sphere_pose
 from icgnet.geometry.clouds import PointCloud, radius_outlier_mask, voxel_downsample
-from icgnet.geometry.transforms import transform_points
+from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import fuse
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.kinds import WIDE_KINDS, Kind
 from icgnet.objects.object_set import ObjectSet
-from icgnet.sensors.config import NOISES, SensorNoise, exactly
+from icgnet.sensors.config import CAMERAS, NOISES, SensorNoise, exactly
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.settings import check_choice
-from icgnet.simulation.camera import SceneRenderer
+from icgnet.simulation.camera import DepthImage, SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
+from icgnet.simulation.surroundings import Surroundings
 
 
 @dataclass(frozen=True)
@@ -52,17 +53,20 @@ SENSORS: dict[NoiseName, SensorNoise] = {
     "dex": NOISES["dex"],
     "stereo": NOISES["stereo"],
 }
-"""No noise; 0.8 mm on the points of the cloud, as published; noise on the depth image; a RealSense D400."""
+"""No noise; 0.8 mm on the points of the cloud, as published; noise on the depth image; that of a RealSense D435."""
 
+WIDE_CAMERA = CAMERAS["d435_vga"]
+"""Sees tables and bins, whatever the noise is."""
 WIDE_POLAR_DEG: dict[Kind, tuple[float, float]] = {"table": (20.0, 55.0), "bin": (0.0, 35.0)}
-"""Angle of cameras from the vertical before tables and bins [degrees]."""
-WIDE_DISTANCE = (0.45, 0.7)
-"""Their distance from the middle of the support [m], and how much farther for each metre of its longer side."""
-CAMERAS_TRIED = 30
-FEWEST_SEEN = 0.5
-"""Cameras that see fewer of the objects stand behind something, and are drawn again."""
-WIDE_SPACING, TABLE_NOISE = 0.003, 0.01
-"""Distance of the points of wide clouds, and how far above the table they begin, for the sake of noise [m]."""
+"""How far from the vertical it stands [degrees]."""
+NEAREST, PER_EDGE = 0.5, 0.6
+"""Distance from the middle of the support: the first [m], and the second times the support's longer edge."""
+PLACES = 30
+"""Cameras that are drawn until one sees enough; else the one that sees most is taken."""
+SEEN_PIXELS, SEEN_SHARE = 20, 0.5
+"""An object with so many pixels is seen; so many of the objects must be."""
+WIDE_SPACING = 0.003
+"""The cloud of a wide scene has one point in a cube of this edge [m]."""
 
 RESOLUTION = 180  # voxels along the workspace's edge of the published fusion
 LOWER, UPPER = np.array([0.02, 0.02, 0.055]), np.array([0.28, 0.28, 0.30])
@@ -83,8 +87,9 @@ class Observation:
         gripper: the hand.
         full_opening: whether the hand will approach fully opened, whatever opening the planner gives.
         rng: source of everything that the planner draws.
-        wide: whether it is a whole table or bin, of which `cloud` holds all that stands out of the support.
         truth: what really stands there, only for planners that ask for it, as a ceiling for the others.
+        is_wide: whether this is a whole table or bin, with things around that are no objects, also in the cloud.
+        target: [h w] visible pixels of the one object that is to be grasped; None if any will do.
     """
 
     cloud: PointCloud
@@ -96,7 +101,19 @@ class Observation:
     full_opening: bool
     rng: np.random.Generator
     truth: TrueShapes | None = None
-    wide: bool = False
+    is_wide: bool = False
+    target: Bool[np.ndarray, "h w"] | None = None
+
+    def wanted(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Which points [m, world] that the camera saw lie in a pixel of the target; all of them if there is none."""
+        if self.target is None:
+            return np.ones(len(points), bool)
+        seen = transform_points(invert_transform(self.T_world_camera), points) @ self.intrinsics.T
+        columns, rows = np.round(seen[:, :2] / np.maximum(seen[:, 2:], 1e-6)).astype(int).T
+        height, width = self.target.shape
+        inside = (seen[:, 2] > 0) & (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        inside[inside] = self.target[rows[inside], columns[inside]]
+        return inside
 
     def openings(self, widths: Float[np.ndarray, "g"]) -> Float[np.ndarray, "g"]:
         """Openings [m] with which the hand would approach objects of these widths [m]."""
@@ -111,6 +128,62 @@ def draw_camera(view: ViewName, rng: np.random.Generator) -> Float[np.ndarray, "
     return sphere_pose(np.array([CENTRE[0], CENTRE[1], chosen.target]), radius, polar, azimuth)
 
 
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What an ideal camera sees of a scene.
+
+    Attributes:
+        image: true depth [m] and object ids.
+        intrinsics: camera matrix [pixels].
+        T_world_camera: pose of the camera.
+    """
+
+    image: DepthImage
+    intrinsics: Float[np.ndarray, "3 3"]
+    T_world_camera: Float[np.ndarray, "4 4"]
+
+
+def take_picture(scene: Scene, object_set: ObjectSet, view: ViewName, rng: np.random.Generator) -> Picture:
+    """A picture by a camera that is drawn.
+
+    A wide scene has a view of its own: from so far that all is seen but the corners of large tables, and from where at
+    least half of the objects are seen, which walls and posts may hide.
+
+    Args:
+        scene: what stands there.
+        object_set: of the scene.
+        view: where the camera may stand around scenes in the cube.
+        rng: source of the draws.
+
+    Raises:
+        InputError: unknown view.
+    """
+    check_choice("view", view, tuple(VIEWS))
+    renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
+    if scene.kind not in WIDE_KINDS:
+        pose = draw_camera(view, rng)
+        return Picture(renderer.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose), DEFAULT_INTRINSICS, pose)
+    pictures: list[tuple[int, Picture]] = []
+    while len(pictures) < PLACES:
+        pose = draw_wide_camera(scene.kind, scene.surroundings, rng)
+        image = renderer.render(WIDE_CAMERA.intrinsics, WIDE_CAMERA.shape, pose)
+        pixels = np.bincount(image.ids[image.ids >= 0], minlength=len(scene.objects))
+        seen = int((pixels >= SEEN_PIXELS).sum())
+        pictures.append((seen, Picture(image, WIDE_CAMERA.intrinsics, pose)))
+        if seen >= SEEN_SHARE * len(scene.objects):
+            break
+    return max(pictures, key=lambda each: each[0])[1]
+
+
+def draw_wide_camera(kind: Kind, surroundings: Surroundings, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+    """T_world_camera of a camera that looks at the middle of a table or bin; draws polar angle and azimuth."""
+    lower, upper = surroundings.bounds
+    middle = np.array([*(lower + upper) / 2, TABLE_HEIGHT])
+    radius = NEAREST + PER_EDGE * float((upper - lower).max())
+    polar, azimuth = np.deg2rad(rng.uniform(*WIDE_POLAR_DEG[kind])), rng.uniform(0.0, 2.0 * np.pi)
+    return sphere_pose(middle, radius, polar, azimuth)
+
+
 def observe(
     scene: Scene,
     object_set: ObjectSet,
@@ -120,15 +193,12 @@ def observe(
     full_opening: bool,
     rng: np.random.Generator,
 ) -> Observation:
-    """A picture of a scene by a camera that is drawn, and the cloud that the published benchmark makes of it.
-
-    The depth image is fused into a distance grid of 180^3 over the workspace, the points on its zero crossing are cut
-    off 5 mm above the table and 2 cm inside the workspace, and lonely points are removed.
+    """A picture of a scene by a camera that is drawn, and the cloud that is made of it; see `sense`.
 
     Args:
         scene: what stands on the table.
         object_set: of the scene.
-        view: where the camera may stand.
+        view: where the camera may stand around scenes in the cube; see `take_picture`.
         noise: what the sensor does.
         gripper: the hand, for the planner.
         full_opening: see `Observation`.
@@ -137,50 +207,40 @@ def observe(
     Raises:
         InputError: unknown view or noise.
     """
-    sensor = SENSORS[check_choice("noise", noise, tuple(SENSORS))]
-    if scene.kind in WIDE_KINDS:
-        return _observe_wide(scene, object_set, sensor, gripper, full_opening, rng)
-    pose = draw_camera(check_choice("view", view, tuple(VIEWS)), rng)
-    image = SceneRenderer(*scene_triangles(scene, object_set)).render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
-    image = corrupt_depth(image, DEFAULT_INTRINSICS, sensor, rng)
-    depth = np.asarray(image.depth, np.float64)
-    points, _ = corrupt_points(points_above_table(depth, DEFAULT_INTRINSICS, pose), sensor, rng)
-    cloud = PointCloud(without_lonely_points(points), pose[:3, 3], "world")
-    return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng)
+    picture = take_picture(scene, object_set, view, rng)
+    return sense(picture, scene.kind in WIDE_KINDS, noise, gripper, full_opening, rng)
 
 
-def _observe_wide(
-    scene: Scene,
-    object_set: ObjectSet,
-    sensor: SensorNoise,
-    gripper: Gripper,
-    full_opening: bool,
-    rng: np.random.Generator,
+def sense(
+    picture: Picture, is_wide: bool, noise: NoiseName, gripper: Gripper, full_opening: bool, rng: np.random.Generator
 ) -> Observation:
-    """A picture of a whole table or bin; its cloud holds what is seen above the support, structures as well."""
-    renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
-    for _ in range(CAMERAS_TRIED):
-        pose = _wide_camera(scene, rng)
-        image = renderer.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose)
-        if len(np.unique(image.ids[image.ids >= 0])) >= FEWEST_SEEN * len(scene.objects):
-            break
-    depth = np.asarray(corrupt_depth(image, DEFAULT_INTRINSICS, sensor, rng).depth, np.float64)
-    points = transform_points(pose, unproject(depth, DEFAULT_INTRINSICS)[depth > 0])
-    lower, upper = scene.surroundings.bounds
-    over = ((points[:, :2] > lower) & (points[:, :2] < upper)).all(axis=1)
-    points, _ = corrupt_points(points[over & (points[:, 2] > TABLE_HEIGHT + TABLE_NOISE)], sensor, rng)
-    points = without_lonely_points(voxel_downsample(points, WIDE_SPACING)[0]) if len(points) else points
-    cloud = PointCloud(points, pose[:3, 3], "world")
-    return Observation(cloud, depth, DEFAULT_INTRINSICS, pose, TABLE_HEIGHT, gripper, full_opening, rng, wide=True)
+    """What a sensor makes of a picture, and the cloud of it.
+
+    In the cube as in the published benchmark: the depth image is fused into a distance grid of 180^3 over the
+    workspace, the points on its zero crossing are cut off 5 mm above the table and 2 cm inside the workspace, and
+    lonely points are removed. Of wide scenes: the measured points 5 mm above the table, thinned to one in 3 mm, without
+    lonely ones.
+
+    Raises:
+        InputError: unknown noise.
+    """
+    sensor = SENSORS[check_choice("noise", noise, tuple(SENSORS))]
+    view = (picture.intrinsics, picture.T_world_camera)
+    depth = np.asarray(corrupt_depth(picture.image, picture.intrinsics, sensor, rng).depth, np.float64)
+    above = measured_above_table(depth, *view) if is_wide else points_above_table(depth, *view)
+    points, _ = corrupt_points(above, sensor, rng)
+    cloud = PointCloud(without_lonely_points(points), picture.T_world_camera[:3, 3], "world")
+    return Observation(cloud, depth, *view, TABLE_HEIGHT, gripper, full_opening, rng, is_wide=is_wide)
 
 
-def _wide_camera(scene: Scene, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
-    """T_world_camera of a camera that looks at the middle of the support."""
-    lower, upper = scene.surroundings.bounds
-    nearest, more = WIDE_DISTANCE
-    distance = nearest + more * float((upper - lower).max()) + rng.uniform(0.0, 0.1)
-    polar, azimuth = np.deg2rad(rng.uniform(*WIDE_POLAR_DEG[scene.kind])), rng.uniform(0.0, 2.0 * np.pi)
-    return sphere_pose(np.array([*((lower + upper) / 2), TABLE_HEIGHT]), distance, polar, azimuth)
+def measured_above_table(
+    depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], T_world_camera: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "n 3"]:
+    """Points [m] of the pixels of a depth image that lie above the table, thinned."""
+    points = (pixel_rays(intrinsics, depth.shape) * depth[..., None])[depth > 0]
+    points = transform_points(T_world_camera, points)
+    thinned, _ = voxel_downsample(points[points[:, 2] >= LOWER[2]], WIDE_SPACING)
+    return thinned
 
 
 def points_above_table(

@@ -17,6 +17,7 @@ KINDS = (
     "segmentation",
     "latency",
     "captures",
+    "target",
     "simulation",
     "loader",
     "label-ceiling",

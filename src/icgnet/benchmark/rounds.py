@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from icgnet.benchmark.config import ClutterConfig, SceneConfig
+from icgnet.benchmark.config import ClutterConfig, PlannerConfig, SceneConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.registry import load_planner
@@ -17,13 +17,14 @@ from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet
+from icgnet.simulation.config import WideScenes
 from icgnet.simulation.scene import Scene
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
-OBJECTS = 5  # tried for in every packed or pile scene
-WIDE_OBJECTS = (4, 10)  # tried for on a table or in a bin: least and most
-MOST_ATTEMPTS = 12  # in a round
+OBJECTS = 5  # tried for in every scene of the cube
+WIDE = WideScenes(objects=(3, 12))  # tables and bins: so many are tried for, fewer where the support is small
+WIDE_ATTEMPTS = 12  # that a round on a table or in a bin has at most
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
 SCENE, CAMERA, PLANNER = 0, 1, 2  # what a random stream is for; each has its own
 
@@ -40,7 +41,8 @@ class Shot:
         scales: factors on their meshes.
         object_poses: their T_world_object.
         camera: T_world_camera.
-        stretches: further factors along the axes of the meshes; none given for 1.
+        stretches: further factors along the axes of the meshes; empty for none. The surroundings are those that the
+            round's own random stream draws again, see `round_scene`.
     """
 
     run: int
@@ -139,10 +141,10 @@ class ClutterJob:
         return replace(seen, rng=draws, truth=TrueShapes(scene, self.object_set) if with_truth else None)
 
 
-_planners: dict[ClutterConfig, Planner] = {}
+_planners: dict[PlannerConfig, Planner] = {}
 
 
-def planner_of(config: ClutterConfig, anew: bool = False) -> Planner:
+def planner_of(config: PlannerConfig, anew: bool = False) -> Planner:
     """The planner of a benchmark, which a process keeps, so that weights are read once and not for every round.
 
     Raises:
@@ -161,15 +163,12 @@ def random_stream(config: SceneConfig, run: int, index: int, *purpose: int) -> n
 def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
     """The scene that a round begins with, whatever planner is tested."""
     rng = random_stream(config, run, index, SCENE)
-    count = int(rng.integers(WIDE_OBJECTS[0], WIDE_OBJECTS[1] + 1)) if config.scene in WIDE_KINDS else OBJECTS
-    return spawn_scene(config.scene, object_set, config.split, rng, count)
+    count = None if config.scene in WIDE_KINDS else OBJECTS
+    return spawn_scene(config.scene, object_set, config.split, rng, count, wide=WIDE)
 
 
 def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round:
-    """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures.
-
-    After `MOST_ATTEMPTS` grasps a round is over, too.
-    """
+    """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures."""
     scene = round_scene(job.config, run, index, job.object_set)
     cell = Workcell(scene, job.object_set, job.gripper)
 
@@ -187,25 +186,29 @@ def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round
             scales=[placed.scale for placed in now.objects],
             object_poses=[placed.T_world_object.tolist() for placed in now.objects],
             camera=observation.T_world_camera.tolist(),
-            stretches=[list(placed.stretch) for placed in now.objects] if observation.wide else [],
+            stretches=[list(placed.stretch) for placed in now.objects] if observation.is_wide else [],
         )
         return carry_out(job, cell, shot, plan, scene, seconds) if len(plan) else shot
 
-    attempts, skipped = until_over(take, lambda: len(cell.remaining))
+    most = WIDE_ATTEMPTS if scene.kind in WIDE_KINDS else None
+    attempts, skipped = until_over(take, lambda: len(cell.remaining), most)
     return Round(run, index, len(scene.objects), len(cell.remaining), attempts, skipped, job.commit)
 
 
-def until_over(take: Callable[[int], Shot], remaining: Callable[[], int]) -> tuple[list[Attempt], list[Shot]]:
+def until_over(
+    take: Callable[[int], Shot], remaining: Callable[[], int], most: int | None = None
+) -> tuple[list[Attempt], list[Shot]]:
     """Attempts and skipped pictures of a round, to its end.
 
     Args:
         take: the next picture, by its number in the round, and the attempt that came of it, if any.
         remaining: how many objects are left on the table.
+        most: attempts after which it ends; None for no limit.
     """
     attempts: list[Attempt] = []
     skipped: list[Shot] = []
     failures = 0
-    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS and len(attempts) < MOST_ATTEMPTS:
+    while remaining() and failures < FAILURES_IN_A_ROW and len(skipped) < SKIPS and len(attempts) != most:
         shot = take(len(attempts) + len(skipped))
         if isinstance(shot, Attempt):
             attempts.append(shot)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from scipy.stats import binomtest
 
 from icgnet.benchmark.tables import NOTHING, Table
 
@@ -32,6 +33,14 @@ class Spread:
     def __format__(self, form: str) -> str:
         deviation = "" if self.std is None else f" ± {self.std:{form}}"
         return f"{self.mean:{form}}{deviation} [{self.low:{form}}, {self.high:{form}}]"
+
+
+def success_rate(successes: int, total: int) -> Spread | None:
+    """Successes by tries in percent with Wilson's 95 % interval; None where nothing was tried."""
+    if not total:
+        return None
+    interval = binomtest(successes, total).proportion_ci(0.95, method="wilson")
+    return Spread(100.0 * successes / total, None, 100.0 * float(interval.low), 100.0 * float(interval.high))
 
 
 @dataclass(frozen=True)

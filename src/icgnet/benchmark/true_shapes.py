@@ -48,11 +48,13 @@ class TrueShapes:
     Args:
         scene: what stands there.
         object_set: of the scene.
+        target: index of the one object that is to be grasped; None if any will do.
     """
 
-    def __init__(self, scene: Scene, object_set: ObjectSet) -> None:
+    def __init__(self, scene: Scene, object_set: ObjectSet, target: int | None = None) -> None:
         self.scene = scene
         self.object_set = object_set
+        self.target = target
 
     def __len__(self) -> int:
         return len(self.scene.objects)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from icgnet.benchmark.config import CapturesConfig, LatencyConfig, PictureConfig
+from icgnet.benchmark.config import CapturesConfig, LatencyConfig, PictureConfig, TargetConfig
 from icgnet.cli.measurement import Flat, Measurement
 from icgnet.errors import InputError
 
@@ -39,6 +39,15 @@ class Latency(Measurement):
     config: Annotated[LatencyConfig, Flat]
 
     kind, module = "latency", "icgnet.benchmark.latency"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target(Measurement):
+    """Grasp one named object, hidden more or less by others, in one attempt: success by occlusion, and failures."""
+
+    config: Annotated[TargetConfig, Flat]
+
+    kind, module = "target", "icgnet.benchmark.target"
 
 
 @dataclass(frozen=True, kw_only=True)

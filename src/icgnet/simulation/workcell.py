@@ -123,7 +123,9 @@ class Workcell:
         placed = [replace(self._scene.objects[i], T_world_object=poses[i]) for i in self.remaining]
         return replace(self._scene, objects=tuple(placed))
 
-    def execute(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, protocol: Protocol) -> Execution:
+    def execute(
+        self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float, protocol: Protocol, wanted: int | None = None
+    ) -> Execution:
         """Carries out one grasp: approach over 5 cm, close, retreat over 10 cm. What was grasped is taken away.
 
         Should the simulation become unstable, the attempt has failed, and everything is as it was before it.
@@ -132,6 +134,7 @@ class Workcell:
             T_world_grasp: the grasp [m].
             opening: of the hand while it approaches [m].
             protocol: the rules.
+            wanted: index of the object that the grasp is for; the nearest one to the middle between the pads if None.
 
         Raises:
             InputError: the table is empty, or the opening is not one of this hand.
@@ -142,7 +145,7 @@ class Workcell:
             raise InputError("there is nothing left to grasp in this workcell")
         before, snapshot = self.remaining, self._world.snapshot()
         middle = T_world_grasp[:3, 3] - self._gripper.finger_reach * T_world_grasp[:3, 2]
-        target = self._nearest(middle)
+        target = self._nearest(middle) if wanted is None else wanted
         pose, width = self._world.object_poses()[target], self._width(target, middle, T_world_grasp[:3, 1])
         touched = self._approach(T_world_grasp, opening)
         if protocol.free_approach and set(touched) - {target}:
@@ -269,8 +272,9 @@ def _planes(body: Body) -> list[tuple[Float[np.ndarray, "f 3"], Float[np.ndarray
         normals, offsets = part.face_normals, np.einsum("fk,fk->f", part.face_normals, part.triangles[:, 0])
         if body.stretch != (1.0, 1.0, 1.0):
             normals = normals / np.array(body.stretch)
-            length = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)  # slivers have no normal
-            normals, offsets = normals / length[:, None], offsets / length
+            length = np.linalg.norm(normals, axis=1)
+            proper = length > 0.0  # a face without area has no normal
+            normals, offsets = normals[proper] / length[proper, None], offsets[proper] / length[proper]
         planes.append((normals, offsets * body.scale))
     return planes
 

@@ -26,9 +26,10 @@ class AntipodalPlanner:
     def plan(self, observation: Observation) -> Plan:
         """Grasps without collisions with what was seen, those of the most opposed points first."""
         cloud, gripper = observation.cloud, observation.gripper
-        if len(cloud) == 0:
+        wanted = cloud.points[observation.wanted(cloud.points)]
+        if len(wanted) == 0:
             return Plan.nothing()
-        points, _ = voxel_downsample(cloud.points, SPACING)
+        points, _ = voxel_downsample(wanted, SPACING)
         points = observation.rng.permutation(points)[:MOST_POINTS]
         normals = estimate_normals(cloud.points, cloud.viewpoint, queries=points)
         first, second, quality = _opposed_pairs(points, normals, gripper)

@@ -19,9 +19,10 @@ class RandomPlanner:
     def plan(self, observation: Observation) -> Plan:
         """Random grasps in random order."""
         cloud, gripper, rng = observation.cloud, observation.gripper, observation.rng
-        if len(cloud) == 0:
+        points = cloud.points[observation.wanted(cloud.points)]
+        if len(points) == 0:
             return Plan.nothing()
-        contacts = cloud.points[rng.integers(len(cloud), size=GRASPS)]
+        contacts = points[rng.integers(len(points), size=GRASPS)]
         normals = estimate_normals(cloud.points, cloud.viewpoint, queries=contacts)
         widths = rng.uniform(THINNEST, gripper.max_opening, GRASPS)
         angles = rng.integers(len(APPROACH_ANGLES), size=GRASPS)

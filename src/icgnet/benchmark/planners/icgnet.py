@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
-from icgnet.benchmark.config import ClutterConfig
+import numpy as np
+
+from icgnet.benchmark.config import PlannerConfig
 from icgnet.benchmark.observation import Observation, points_above_table, without_lonely_points
 from icgnet.benchmark.planner import Plan
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.depth_scale import levelled_depth
-from icgnet.inference.prediction import Prediction
+from icgnet.grasping.grasps import Grasps
+from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.inference.tabletop import TableNotFoundError
 from icgnet.predictor import Predictor
 
@@ -22,12 +25,22 @@ def cloud_on_table(observation: Observation) -> PointCloud:
     return PointCloud(points, observation.T_world_camera[:3, 3], "world")
 
 
+def wanted_grasps(prediction: Prediction, observation: Observation) -> Grasps:
+    """All grasps; if there is a target, those of the instance that has the most points in its pixels."""
+    if observation.target is None:
+        return prediction.grasps
+    under = prediction.cloud_instances[observation.wanted(prediction.cloud.points)]
+    counts = np.bincount(under[under != NO_INSTANCE], minlength=1)
+    chosen = int(counts.argmax()) if counts.any() else NO_INSTANCE
+    return prediction.grasps.select(prediction.grasps.instances == chosen)
+
+
 class IcgNetPlanner:
     """Grasps of the predictor, the highest score first."""
 
     needs_truth = False
 
-    def __init__(self, config: ClutterConfig) -> None:
+    def __init__(self, config: PlannerConfig) -> None:
         """Loads the network of a benchmark.
 
         Raises:
@@ -39,26 +52,23 @@ class IcgNetPlanner:
 
     def plan(self, observation: Observation) -> Plan:
         """Grasps that touch nothing that was seen or is predicted; the prediction is in `details`."""
-        gripper = observation.gripper
-        search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")
-        predictor = Predictor(self._predictor.network, gripper, search, seed=int(observation.rng.integers(2**31)))
-        prediction = self._wide(predictor, observation) if observation.wide else self._cube(predictor, observation)
-        if prediction is None:
-            return Plan.nothing()
-        grasps = prediction.grasps
-        return Plan(grasps.poses, grasps.openings, grasps.scores, prediction)
-
-    def _cube(self, predictor: Predictor, observation: Observation) -> Prediction | None:
-        """What is found in the cloud of a packed or pile scene; None where that is empty."""
-        cloud = cloud_on_table(observation) if self._level_table else observation.cloud
+        cloud = observation.cloud
+        if self._level_table and not observation.is_wide:
+            cloud = cloud_on_table(observation)
         if len(cloud) == 0:
-            return None
-        return predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
-
-    def _wide(self, predictor: Predictor, observation: Observation) -> Prediction | None:
-        """What is found in the picture of a whole table or bin; None where no table is."""
-        view = (observation.intrinsics, observation.T_world_camera, observation.table_height)
-        try:
-            return predictor.predict_depth(observation.depth, *view)
-        except TableNotFoundError:
-            return None
+            return Plan.nothing()
+        search = replace(self._predictor.search, opening="full" if observation.full_opening else "predicted")
+        if observation.target is not None:
+            search = replace(search, most=None)  # the first few grasps of all objects may be none of the target's
+        seed = int(observation.rng.integers(2**31))
+        predictor = Predictor(self._predictor.network, observation.gripper, search, seed=seed)
+        if observation.is_wide:
+            view = (observation.intrinsics, observation.T_world_camera)
+            try:
+                prediction = predictor.predict_depth(observation.depth, *view, observation.table_height)
+            except TableNotFoundError:
+                return Plan.nothing()
+        else:
+            prediction = predictor.predict_cloud(cloud.points, cloud.viewpoint, observation.table_height)
+        grasps = wanted_grasps(prediction, observation)
+        return Plan(grasps.poses, grasps.openings, grasps.scores, prediction)

@@ -18,7 +18,6 @@ from icgnet.geometry.transforms import transform_points
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.kinds import CUBE_KINDS, WIDE_KINDS, Kind
 from icgnet.simulation.approach import ApproachChecker
 from icgnet.simulation.config import Jitter, Physics, default_physics
 from icgnet.simulation.contacts import sample_contacts
@@ -35,7 +34,6 @@ CANDIDATES = 96  # free grasps whose robustness is tested
 JITTER, DRAWS = Jitter(contact=0.0025, normal=float(np.deg2rad(5.0))), 8
 CHECKED_AT_ONCE, HANDS = 480, 24  # candidates looked at before the next decision, and in one pass of the engine
 TRIALS = 32  # of the best grasps, until one succeeds
-TRIALS_OF_EACH = 8  # of the best grasps of each object of a table or bin
 ANGLES = len(APPROACH_ANGLES)
 
 
@@ -75,7 +73,7 @@ class OraclePlanner:
         bodies = scene_bodies(scene, observation.truth.object_set)
         if not bodies:
             return Plan.nothing()
-        lines = _lines(bodies, observation.gripper, observation.rng)
+        lines = _lines(bodies, observation.gripper, observation.rng, observation.truth.target)
         openings = np.repeat(observation.openings(lines.widths), ANGLES)
         poses = grasp_poses(lines.starts, lines.normals, lines.widths, observation.gripper.finger_reach)
         poses = _clear_of_table(poses.reshape(-1, 4, 4), openings, observation)
@@ -91,10 +89,15 @@ class OraclePlanner:
         return Plan(poses[best[order]], openings[best[order]], scores[order])
 
 
-def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator) -> _Lines:
-    """Lines from sampled contacts that fit into the hand and leave the object inside the friction cone."""
+def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator, target: int | None) -> _Lines:
+    """Lines from sampled contacts that fit into the hand and leave the object inside the friction cone.
+
+    All of them are on the target, if there is one.
+    """
+    graspable = list(range(len(bodies))) if target is None else [target]
+    contact_count, bodies = CONTACTS * len(bodies), [bodies[index] for index in graspable]
     meshes = [_touchable(body) for body in bodies]
-    contacts = sample_contacts(meshes, CONTACTS * len(meshes), rng)
+    contacts = sample_contacts(meshes, contact_count, rng)
     fits = (contacts.widths > THINNEST) & (contacts.widths < gripper.max_opening - SPARE)
     contact, number = np.nonzero(fits)
     starts, normals, widths = contacts.positions[contact], contacts.normals[contact], contacts.widths[contact, number]
@@ -106,7 +109,7 @@ def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator) -> _L
         distance[own] = np.linalg.norm(np.cross(_centre_of_mass(body) - starts[own], normals[own]), axis=1)
     firm = squareness > np.cos(np.arctan(gripper.friction))
     preference = squareness - distance / FAR_MIDDLE
-    objects = contacts.objects[contact]
+    objects = np.array(graspable)[contacts.objects[contact]]
     return _Lines(starts[firm], normals[firm], widths[firm], objects[firm], preference[firm])
 
 
@@ -149,25 +152,20 @@ def _tried_first(
 ) -> Int[np.ndarray, "g"]:
     """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does.
 
-    On tables and in bins, where things lie on and in each other, it must leave the others where they are; if none does,
-    there is nothing to grasp.
+    In wide scenes and for a target all are tried, and one that leaves the neighbours, which may lie on it, is better.
     """
     trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
-    alone = scene.kind in WIDE_KINDS
-    for grasp in _worth_trying(order, targets, scene.kind).tolist():
+    is_careful = observation.is_wide or observation.target is not None
+    first = None
+    for grasp in (order if is_careful else order[:TRIALS]).tolist():
         outcome = trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp]))
-        if outcome.success and not (alone and outcome.disturbed):
-            return np.concatenate([[grasp], order[order != grasp]])
-    return order[:0] if alone else order
-
-
-def _worth_trying(order: Int[np.ndarray, "g"], targets: Int[np.ndarray, "g"], kind: Kind) -> Int[np.ndarray, "k"]:
-    """The best grasps; on tables and in bins the best few of each object, since some objects carry others."""
-    if kind in CUBE_KINDS:
-        return order[:TRIALS]
-    owners = targets[order]
-    rank = np.array([np.count_nonzero(owners[:place] == owner) for place, owner in enumerate(owners)], int)
-    return order[rank < TRIALS_OF_EACH]
+        if not outcome.success:
+            continue
+        first = grasp if first is None else first
+        if not (is_careful and outcome.disturbed):
+            first = grasp
+            break
+    return order if first is None else np.concatenate([[first], order[order != first]])
 
 
 def _clear_of_table(

@@ -5,12 +5,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from icgnet.benchmark.config import OUR_NETWORK, ClutterConfig
+from icgnet.benchmark.config import OUR_NETWORK, PlannerConfig
 from icgnet.benchmark.planner import Planner
 from icgnet.errors import InputError
 
 
-def load_planner(config: ClutterConfig) -> Planner:
+def load_planner(config: PlannerConfig) -> Planner:
     """The planner that a benchmark names.
 
     Raises:

@@ -1,0 +1,219 @@
+"""Grasp *this* object: one attempt at one named object, by how much of it the others hide.
+
+Occlusion is that of TARGO ("Benchmarking Target-driven Object Grasping under Occlusions"): 1 - pixels of the target
+seen in the clutter / seen alone, by the same camera.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from icgnet.benchmark.config import NOTHING_FOUND, TargetConfig
+from icgnet.benchmark.observation import Observation, Picture, sense, take_picture
+from icgnet.benchmark.pictures import progress_bar
+from icgnet.benchmark.planner import Planner
+from icgnet.benchmark.planners.registry import load_planner
+from icgnet.benchmark.rounds import CAMERA, PLANNER, random_stream, round_scene
+from icgnet.benchmark.statistics import Spread, cell, success_rate
+from icgnet.benchmark.tables import Table
+from icgnet.benchmark.true_shapes import TrueShapes
+from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.objects.kinds import WIDE_KINDS
+from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.simulation.camera import SceneRenderer
+from icgnet.simulation.scene import Scene, world_mesh
+from icgnet.simulation.workcell import PROTOCOLS, Cause, Workcell
+
+BINS, WIDTH = 9, 0.1
+"""Targets are sorted by occlusion into so many bins of this width."""
+GROUPS = {"0 to 0.5": (0, 5), "0.5 to 0.9": (5, 9), "all": (0, 9)}
+"""First bin, and the first one that is no more in it, of what is counted together."""
+FEWEST_PIXELS = 50
+"""An object that has fewer pixels alone is no target."""
+DRAW = 3
+"""What the random stream is for that chooses targets; beside those of `rounds`."""
+
+
+@dataclass(frozen=True)
+class TargetAttempt:
+    """One attempt at one object.
+
+    Attributes:
+        scene: number of the scene.
+        name: of the target.
+        occlusion: share of it that is hidden.
+        success: the target is held, and nothing else.
+        cause: how it ended.
+        plan_seconds: time that the planner took [s].
+    """
+
+    scene: int
+    name: str
+    occlusion: float
+    success: bool
+    cause: str
+    plan_seconds: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Attempts that are counted together.
+
+    Attributes:
+        occlusion: which.
+        targets: attempts.
+        successes: of them.
+        rate: successes by attempts in percent with Wilson's 95 % interval; None without attempts.
+        failures: number of failed attempts by cause; "nothing found" is one.
+    """
+
+    occlusion: str
+    targets: int
+    successes: int
+    rate: Spread | None
+    failures: dict[str, int]
+
+
+@dataclass(frozen=True)
+class TargetNumbers:
+    """The result of a benchmark.
+
+    Attributes:
+        bins: by tenths of occlusion.
+        groups: by less and more than one half, and all.
+        scenes: that were drawn.
+        plan_seconds: median time of the planner for one picture [s].
+        rows: every attempt.
+    """
+
+    bins: tuple[Group, ...]
+    groups: tuple[Group, ...]
+    scenes: int
+    plan_seconds: float
+    rows: tuple[TargetAttempt, ...]
+
+
+def measure(config: TargetConfig) -> TargetNumbers:
+    """Draws scenes until every bin has its targets, or as many as are allowed, and lets the planner try each target.
+
+    Raises:
+        InputError: unknown planner, objects or hand.
+        DataError: unusable weights or objects.
+    """
+    object_set, gripper, planner = load_object_set(config.objects), load_gripper(config.gripper), load_planner(config)
+    rows: list[TargetAttempt] = []
+    filled, drawn = np.zeros(BINS, int), 0
+    for number in progress_bar(range(config.scenes), "scenes"):
+        if (filled >= config.targets).all():
+            break
+        drawn += 1
+        scene = round_scene(config, 0, number, object_set)
+        picture = take_picture(scene, object_set, config.view, random_stream(config, 0, number, CAMERA))
+        hidden = occlusions(picture, scene, object_set)
+        for target in draw_targets(hidden, filled < config.targets, random_stream(config, 0, number, DRAW)):
+            filled[_bin_of(hidden[target])] += 1
+            seen = look(config, number, scene, object_set, gripper, picture, target)
+            rows.append(_attempt(planner, seen, scene, object_set, target, number, float(hidden[target])))
+    return summarise(rows, drawn)
+
+
+def occlusions(picture: Picture, scene: Scene, object_set: ObjectSet) -> Float[np.ndarray, "o"]:
+    """Share of each object's pixels that others, or structures, hide; nan for objects too small in the picture."""
+    seen = np.bincount(picture.image.ids[picture.image.ids >= 0], minlength=len(scene.objects))
+    hidden = np.full(len(scene.objects), np.nan)
+    for index, placed in enumerate(scene.objects):
+        triangles = np.asarray(world_mesh(placed, object_set).triangles)
+        # Without the table as well: it hides nothing of what stands on it from a camera above it.
+        renderer = SceneRenderer(triangles, np.zeros(len(triangles), int), table_height=None)
+        alone = renderer.render(picture.intrinsics, picture.image.ids.shape, picture.T_world_camera)
+        pixels = int((alone.ids == 0).sum())
+        if pixels >= FEWEST_PIXELS:
+            hidden[index] = max(1.0 - seen[index] / pixels, 0.0)
+    return hidden
+
+
+def draw_targets(
+    hidden: Float[np.ndarray, "o"], wanted: Sequence[bool] | np.ndarray, rng: np.random.Generator
+) -> list[int]:
+    """Indices of one object in each wanted bin of occlusion that has any."""
+    bins = np.array([_bin_of(each) for each in hidden], int)
+    there = [np.flatnonzero(bins == number) for number in range(BINS) if wanted[number]]
+    return [int(rng.choice(each)) for each in there if len(each)]
+
+
+def _bin_of(occlusion: float) -> int:
+    """Number of the bin; -1 for none. Of two bins that meet there, the upper one."""
+    number = -1 if np.isnan(occlusion) else int(occlusion / WIDTH + 1e-9)
+    return number if number < BINS else -1
+
+
+def look(
+    config: TargetConfig,
+    number: int,
+    scene: Scene,
+    object_set: ObjectSet,
+    gripper: Gripper,
+    picture: Picture,
+    target: int,
+) -> Observation:
+    """The noisy picture of a scene, with the mask of the target; for each target of a scene the noise is the same."""
+    noise = random_stream(config, 0, number, CAMERA, 1)
+    seen = sense(picture, scene.kind in WIDE_KINDS, config.noise, gripper, config.full_opening, noise)
+    draws, truth = random_stream(config, 0, number, PLANNER, target), TrueShapes(scene, object_set, target)
+    return replace(seen, rng=draws, truth=truth, target=picture.image.ids == target)
+
+
+def _attempt(
+    planner: Planner,
+    seen: Observation,
+    scene: Scene,
+    object_set: ObjectSet,
+    target: int,
+    number: int,
+    occlusion: float,
+) -> TargetAttempt:
+    """Plans and carries out one grasp of the target."""
+    observation = seen if planner.needs_truth else replace(seen, truth=None)
+    start = time.perf_counter()
+    plan = planner.plan(observation)
+    seconds = time.perf_counter() - start
+    cause = NOTHING_FOUND
+    if len(plan):
+        opening = seen.gripper.max_opening if seen.full_opening else float(plan.openings[0])
+        cell = Workcell(scene, object_set, seen.gripper)
+        cause = cell.execute(plan.poses[0], opening, PROTOCOLS["strict"], target).cause.value
+    return TargetAttempt(number, scene.objects[target].name, occlusion, cause == Cause.HELD.value, cause, seconds)
+
+
+def summarise(rows: Sequence[TargetAttempt], scenes: int) -> TargetNumbers:
+    """The statistics of attempts in so many scenes."""
+    bins: Int[np.ndarray, "n"] = np.array([_bin_of(row.occlusion) for row in rows], int)
+
+    def group(name: str, first: int, end: int) -> Group:
+        own = [row for row, number in zip(rows, bins, strict=True) if first <= number < end]
+        successes = sum(row.success for row in own)
+        failures = Counter(row.cause for row in own if not row.success)
+        return Group(name, len(own), successes, success_rate(successes, len(own)), dict(failures))
+
+    return TargetNumbers(
+        bins=tuple(group(f"{each / 10:g} to {(each + 1) / 10:g}", each, each + 1) for each in range(BINS)),
+        groups=tuple(group(name, *limits) for name, limits in GROUPS.items()),
+        scenes=scenes,
+        plan_seconds=float(np.median([row.plan_seconds for row in rows])) if rows else float("nan"),
+        rows=tuple(rows),
+    )
+
+
+def tables(numbers: TargetNumbers) -> list[Table]:
+    """What is printed."""
+    rows = []
+    for group in (*numbers.bins, *numbers.groups):
+        causes = sorted(group.failures.items(), key=lambda item: -item[1])
+        told = ", ".join(f"{count} {cause}" for cause, count in causes)
+        rows.append((group.occlusion, str(group.targets), cell(group.rate, ".1f"), told))
+    notes = (f"{numbers.scenes} scenes; planning takes {numbers.plan_seconds:.2f} s (median)",)
+    return [Table(("occlusion", "targets", "held, % [95 %]", "failures"), rows, notes=notes)]
