@@ -1,7 +1,7 @@
-"""Which parts of the workspace the camera has seen to be free, and which are hidden.
+"""Which parts of a scene the camera has seen to be free, and which are hidden.
 
-The points become a small depth image from their viewpoint; every cell of the workspace is then compared with the
-surface on its ray. The same function serves training and inference.
+The points become a small depth image from their viewpoint; every cell of a grid is then compared with the surface on
+its ray. The same function serves training and inference.
 """
 
 from dataclasses import dataclass
@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from icgnet.geometry.camera import look_at
+from icgnet.geometry.cells import PITCH, WORKSPACE_CELLS, CellGrid
 from icgnet.geometry.workspace import TABLE_HEIGHT
 
 PIXEL = 0.004
-"""Edge of a pixel of the depth image at the distance of the workspace centre [m]."""
-LARGEST_IMAGE = 320
+"""Edge of a pixel of the depth image at the distance of the middle of the grid [m]."""
+LARGEST_IMAGE = 640
 """Edge of the depth image at most [pixels]; cells outside of it count as hidden."""
 FILL_COUNT = 4
 """An empty pixel with this many measured neighbours is a hole in a surface. At a straight edge there are three."""
@@ -24,9 +25,8 @@ FILL_COUNT = 4
 def visibility_grid(
     points: Float[np.ndarray, "n 3"],
     viewpoint: Float[np.ndarray, "3"],
+    grid: CellGrid = WORKSPACE_CELLS,
     table_height: float = TABLE_HEIGHT,
-    cells: int = 30,
-    pitch: float = 0.01,
     truncation: float = 0.03,
 ) -> Float32[np.ndarray, "x y z"]:
     """Projective signed distance of every cell centre from the surface on its ray, in units of the truncation.
@@ -35,34 +35,34 @@ def visibility_grid(
     measured the ray goes on to the table. Cells behind the camera or far off its axis count as hidden.
 
     Args:
-        points: what the camera measured, workspace frame [m]; with or without the points of the table.
-        viewpoint: camera centre, workspace frame [m].
+        points: what the camera measured, table frame [m]; with or without the points of the table.
+        viewpoint: camera centre, table frame [m].
+        grid: the cells.
         table_height: height of the table plane [m].
-        cells: number of cells along each axis; cell i spans i * pitch to (i + 1) * pitch.
-        pitch: edge of a cell [m].
         truncation: distance at which the value reaches 1 or -1 [m].
 
     Raises:
-        InputError: the viewpoint is the centre of the workspace.
+        InputError: the viewpoint is the middle of the grid.
     """
-    view = _VirtualCamera.towards(np.full(3, 0.5 * cells * pitch), viewpoint)
+    half = 0.5 * PITCH * np.array(grid.shape)
+    view = _VirtualCamera.towards(half + np.array(grid.origin), viewpoint, float(np.linalg.norm(half)))
     surface = _range_image(view, points).ravel()
-    rays = _cell_centres(cells, pitch) - view.centre
+    rays = _cell_centres(grid) - view.centre
     distance = _length(rays)
     pixel = view.pixel_index(rays)
     measured = np.where(pixel >= 0, surface[pixel], -np.inf)
     reached = np.minimum(measured, distance * _table_ratio(rays[:, 2], float(table_height - viewpoint[2])))
     value = np.clip((reached - distance) / truncation, -1.0, 1.0)
-    return value.astype(np.float32).reshape(cells, cells, cells)
+    return value.astype(np.float32).reshape(grid.shape)
 
 
 @dataclass(frozen=True, eq=False)
 class _VirtualCamera:
-    """A pinhole camera with a square image that looks at the workspace.
+    """A pinhole camera with a square image that looks at a scene.
 
     Attributes:
-        centre: its position, workspace frame [m].
-        axes: directions of right, down and forward as columns, workspace frame.
+        centre: its position, table frame [m].
+        axes: directions of right, down and forward as columns, table frame.
         focal: focal length [pixels].
         half: pixels on each side of the one in the middle.
     """
@@ -73,12 +73,14 @@ class _VirtualCamera:
     half: int
 
     @staticmethod
-    def towards(target: Float[np.ndarray, "3"], viewpoint: Float[np.ndarray, "3"]) -> "_VirtualCamera":
-        """The camera at `viewpoint` [m] that sees the cube around `target` [m] from the origin to twice `target`."""
+    def towards(
+        target: Float[np.ndarray, "3"], viewpoint: Float[np.ndarray, "3"], radius: float
+    ) -> "_VirtualCamera":
+        """The camera at `viewpoint` [m] that sees the sphere with this radius [m] around `target` [m]."""
         axes = look_at(viewpoint, target)[:3, :3]
-        distance, radius = np.linalg.norm(target - viewpoint), np.linalg.norm(target)
+        distance = np.linalg.norm(target - viewpoint)
         focal = distance / PIXEL
-        # Tangent to the sphere around the cube; a camera inside of that sphere would need an endless image.
+        # Tangent to the sphere; a camera inside of it would need an endless image.
         spread = radius / np.sqrt(distance**2 - radius**2) if distance > radius else np.inf
         half = int(min(np.ceil(focal * spread), LARGEST_IMAGE // 2))
         return _VirtualCamera(viewpoint.astype(np.float32), axes.astype(np.float32), float(focal), half)
@@ -138,9 +140,12 @@ def _table_ratio(ray_heights: Float32[np.ndarray, "n"], table: float) -> Float[n
 
 
 @lru_cache(maxsize=4)
-def _cell_centres(cells: int, pitch: float) -> Float32[np.ndarray, "n 3"]:
+def _cell_centres(grid: CellGrid) -> Float32[np.ndarray, "n 3"]:
     """Centres of all cells [m], the last axis fastest."""
-    axis = (np.arange(cells, dtype=np.float32) + 0.5) * np.float32(pitch)
-    centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    axes = [
+        (np.arange(first, first + count, dtype=np.float32) + 0.5) * np.float32(PITCH)
+        for first, count in zip(grid.lower, grid.shape, strict=True)
+    ]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     centres.setflags(write=False)
     return centres

@@ -11,13 +11,9 @@ from icgnet.settings import check_choices, check_range, read_settings
 Precision = Literal["auto", "float32", "bfloat16"]
 """In how many bits the U-Nets compute; auto is bfloat16 where the processor or card has instructions for it."""
 
-DENSE_PITCH = 0.010
-"""Cell size of the dense grid [m]."""
-DENSE_CELLS = 30
-"""Cells per axis of the dense grid: it covers the workspace exactly."""
 FRANKA = load_gripper("franka")
-LARGEST_OFFSET = 0.5
-MOST_OFFSETS = 100
+LARGEST_OFFSET, LARGEST_FACTOR = 0.5, 10.0
+MOST_RAYS = 100.0
 WIDEST_LAYER = 4096.0
 
 
@@ -39,33 +35,44 @@ def _check_items(settings: Any, name: str, least: float, most: float, longest: i
 
 @dataclass(frozen=True)
 class HandConfig:
-    """Where the hand-aligned decoder looks, in the frame of the hand at the contact, and its layer widths.
+    """Where the hand-aligned decoder looks, in terms of the hand that grasps, and its layer widths.
 
-    The control points are all combinations of the three lists of offsets.
+    The control points are all combinations of the offsets along the surface normal (outward, then across), along the
+    approach and sideways. For the Franka hand they reach from 20 mm outside of the contact to 100 mm behind it, and
+    from 15 mm past it to 71 mm before it.
     """
 
-    normal: tuple[float, ...] = (0.020, 0.008, -0.020, -0.040, -0.060, -0.080, -0.100)
-    """Offsets along the outward surface normal [m]: negative is through the object, towards the other finger."""
-    approach: tuple[float, ...] = (-0.070, -0.035, 0.0, 0.015)
-    """Offsets along the approach direction [m]: negative is towards the palm."""
-    sideways: tuple[float, ...] = (-0.012, 0.012)
-    """Offsets across the fingers [m]."""
-    rays: tuple[float, ...] = tuple(round(0.02 - 0.01 * step, 3) for step in range(12))
-    """Offsets along the normal that the width head reads [m]: every centimetre from +20 mm to -90 mm."""
+    outward: tuple[float, ...] = (1.2, 0.5)
+    """Offsets along the outward surface normal, where the finger is, by the thickness of its tip."""
+    across: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.25)
+    """Offsets against the normal, through the object and to the other finger, by the largest opening."""
+    finger: tuple[float, ...] = (1.0, 0.5, 0.0)
+    """Offsets against the approach, by how far the palm is from the contact."""
+    palm: float = 0.035
+    """One more offset, so far into the palm [m]."""
+    past_tip: float = 0.005
+    """And one along the approach, so far past the tips [m]."""
+    sideways: tuple[float, ...] = (-0.57, 0.57)
+    """Offsets across the fingers, by their width."""
+    rays: int = 9
+    """Steps in which the width head reads along the normal, to a little more than the largest opening; it reads at the
+    contact and at two places outside of it, too."""
     map_channels: int = 8
     """Channels that the finest dense map is projected to before it is read."""
     hidden: int = 128
     contact_width: int = 64
 
     def __post_init__(self) -> None:
-        for name in ("normal", "approach", "sideways", "rays"):
-            _check_items(self, name, -LARGEST_OFFSET, LARGEST_OFFSET, MOST_OFFSETS)
+        for name in ("outward", "across", "finger", "sideways"):
+            _check_items(self, name, -LARGEST_FACTOR, LARGEST_FACTOR)
+        check_range(self, 0.0, "palm", "past_tip", most=LARGEST_OFFSET)
+        check_range(self, 1.0, "rays", most=MOST_RAYS)
         check_range(self, 1.0, "map_channels", "hidden", "contact_width", most=WIDEST_LAYER)
 
     @property
     def points(self) -> int:
         """Number of control points."""
-        return len(self.normal) * len(self.approach) * len(self.sideways)
+        return (len(self.outward) + len(self.across)) * (len(self.finger) + 2) * len(self.sideways)
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ class NetworkConfig:
 
     name: str = "default"
     gripper: Gripper = FRANKA
-    """The hand that grasps are scored for: that of the labels."""
+    """The hand of the labels, or most of them. A network of the published kind scores grasps for this one only."""
     classes: tuple[str, ...] = CLASSES
     """Names of the classes, in the order of the class logits; one more logit, the last, is for no object."""
     voxel_size: float = 0.003
@@ -95,7 +102,16 @@ class NetworkConfig:
     batch_norm_momentum: float = 0.02
     dense_widths: tuple[int, ...] = (16, 32, 64, 128)
 
+    any_extent: bool = True
+    """Whether a scene may be of any extent: queries are seeded by area, know places relative to their seeds only and
+    look no farther than `reach`, and the dense part stays near the points. Otherwise, as published, there is a fixed
+    number of queries, and the bounds of the cloud are the unit of all places."""
     queries: int = 32
+    """Number of queries, if it is fixed."""
+    seed_spacing: float = 0.03
+    """Else the least distance of their seeds [m]."""
+    reach: float = 0.35
+    """And how far from its seed a query attends, and its mask extends [m]."""
     query_width: int = 32
     heads: int = 8
     token_feed_forward: int = 64
@@ -107,8 +123,6 @@ class NetworkConfig:
     attention_threshold: float = 0.5
     """A token whose pooled mask probability is below this is blocked in the query's cross-attention."""
 
-    position_scale: Literal["cloud", "workspace"] = "workspace"
-    """What the positional encoding is normalised by: bounds of the visible cloud (published) or the fixed workspace."""
     fourier_scale: float = 2.0
     seeded_masks: bool = True
     """Whether a query's mask also depends on where the query was seeded, or on the features alone (published)."""
@@ -134,6 +148,7 @@ class NetworkConfig:
         check_choices(self)
         check_class_list(self.classes)
         check_range(self, 0.001, "voxel_size", most=0.05)
+        check_range(self, 0.01, "seed_spacing", "reach", most=2.0)
         check_range(self, 0.0, "batch_norm_momentum", "attention_threshold", most=1.0)
         check_range(self, 0.0, "fourier_scale", most=1000.0)
         widths = ("stem_width", "query_width", "token_feed_forward", "feed_forward", "affordance_feed_forward")
@@ -168,6 +183,16 @@ class NetworkConfig:
         around.
         """
         return 1 + 4 * self.point_inputs + 9 * self.local_moments
+
+    @property
+    def any_hand(self) -> bool:
+        """Whether grasps are scored for the hand that is asked for, and not only for that of the labels."""
+        return self.affordance == "hand"
+
+    @property
+    def most_instances(self) -> int | None:
+        """How many objects of a scene can be told apart, None for any number."""
+        return None if self.any_extent else self.queries
 
     @property
     def stages(self) -> int:
@@ -205,7 +230,7 @@ class NetworkConfig:
         return hands * bool(phrases) + changes
 
     def check_hand(self, gripper: Gripper, whose: str) -> None:
-        """Makes sure that a hand is the one that the network knows; name and base link may differ.
+        """Makes sure that a hand is the one that the network knows, if it knows only one; name and base may differ.
 
         Args:
             gripper: the hand.
@@ -214,7 +239,7 @@ class NetworkConfig:
         Raises:
             InputError: it is another one.
         """
-        if not self.gripper.same_hand(gripper):
+        if not self.any_hand and not self.gripper.same_hand(gripper):
             raise InputError(
                 f"{whose} have the hand {gripper.name!r}, but the weights know only {self.gripper.name!r} "
                 f"({gripper.name!r} has {', '.join(gripper.differences(self.gripper))})"
@@ -228,7 +253,7 @@ NETWORKS = {
         point_inputs=False,
         local_moments=False,
         view_depth=False,
-        position_scale="cloud",
+        any_extent=False,
         seeded_masks=False,
         seeded_content=False,
         class_of_mask=False,

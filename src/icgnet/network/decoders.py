@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.network.config import NetworkConfig
 from icgnet.network.embedding import SceneEmbedding
+from icgnet.network.hand_input import HandInput
 from icgnet.network.layers import ResidualBlock
 
 
@@ -54,12 +55,6 @@ class ConditionedDecoder(nn.Module):
         return self.end(torch.relu(hidden))
 
 
-def centred_on_queries(features: Float[Tensor, "n f"], query_positions: Float[Tensor, "i 3"]) -> Float[Tensor, "i n f"]:
-    """Point features for every query, with the first three channels (normalised position) relative to the query's."""
-    offsets = features[None, :, :3] - query_positions[:, None]
-    return torch.cat([offsets, features[None, :, 3:].expand(len(query_positions), -1, -1)], 2)
-
-
 @dataclass(frozen=True, eq=False)
 class ContactInputs:
     """What a decoder of affordances is told of contacts, whatever it makes of it.
@@ -68,8 +63,9 @@ class ContactInputs:
         features: [g f] interpolated point features there.
         queries: [g c] affordance query of each one's instance.
         latent: [g l] the same with its positional encoding and the scale of the scene.
-        contacts: [g 3] positions [m, workspace frame].
-        normals: [g 3] outward unit normals there (workspace frame).
+        contacts: [g 3] positions [m, table frame].
+        normals: [g 3] outward unit normals there (table frame).
+        hand: that is to grasp.
         embedding: of the scene.
     """
 
@@ -78,6 +74,7 @@ class ContactInputs:
     latent: Float[Tensor, "g l"]
     contacts: Float[Tensor, "g 3"]
     normals: Float[Tensor, "g 3"]
+    hand: HandInput
     embedding: SceneEmbedding
 
 

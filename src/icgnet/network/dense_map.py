@@ -1,4 +1,4 @@
-"""Features on a grid over the workspace, and exact reads from them."""
+"""Features on a grid of cells, and exact reads from them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,24 +12,26 @@ from torch.autograd.function import once_differentiable
 
 @dataclass(frozen=True, eq=False)
 class DenseMap:
-    """Features on a grid whose cell `(0, 0, 0)` starts at the workspace origin."""
+    """Features on a grid."""
 
     features: Float[Tensor, "x y z c"]
     pitch: float
     """Cell size [m]."""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where cell `(0, 0, 0)` starts [m]."""
 
     def nearest(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n c"]:
-        """Features of the cells that contain the points [m, workspace frame]; outside, of the border cell."""
-        cells = torch.floor(points / self.pitch)
+        """Features of the cells that contain the points [m, table frame]; outside, of the border cell."""
+        cells = torch.floor(self._in_cells(points))
         x, y, z = (self._row_parts(axis, cells[:, axis]) for axis in range(3))
         return self._table().index_select(0, x + y + z)
 
     def trilinear(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n c"]:
-        """Features interpolated between cell centres at the points [m, workspace frame]; the border continues outside.
+        """Features interpolated between cell centres at the points [m, table frame]; the border continues outside.
 
         Differentiable in the map and in the points.
         """
-        position = points / self.pitch - 0.5
+        position = self._in_cells(points) - 0.5
         base = torch.floor(position.detach())
         upper = position - base
         shares = torch.stack([1.0 - upper, upper], 2)
@@ -39,6 +41,9 @@ class DenseMap:
         of_x, of_y, of_z = shares.unbind(1)
         weights = (of_x[:, :, None, None] * of_y[:, None, :, None] * of_z[:, None, None, :]).view(-1, 8)
         return _WeightedRows.apply(self._table(), rows, weights)
+
+    def _in_cells(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+        return (points - points.new_tensor(self.origin)) / self.pitch
 
     def _table(self) -> Tensor:
         return self.features.reshape(-1, self.features.shape[-1])

@@ -1,13 +1,15 @@
-"""Dense U-Net over the workspace grid."""
+"""Dense U-Net over a grid of cells."""
 
 import itertools
+from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from icgnet.network.batch_norm import GridBatchNorm
-from icgnet.network.config import DENSE_PITCH, NetworkConfig
+from icgnet.geometry.cells import PITCH, CellGrid
+from icgnet.network.config import NetworkConfig
 from icgnet.network.dense_map import DenseMap
 
 
@@ -31,53 +33,95 @@ class GridConv(nn.Conv3d):
         return super().forward(input)
 
 
-def _double_conv(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for source, target in ((inputs, hidden), (hidden, outputs)):
-        layers += [GridConv(source, target), nn.ReLU(), GridBatchNorm(target)]
-    return nn.Sequential(*layers)
+class DoubleConv(nn.Sequential):
+    """Two convolutions, each with activation and normalisation; cells that are not active stay 0."""
+
+    def __init__(self, inputs: int, hidden: int, outputs: int) -> None:
+        layers: list[nn.Module] = []
+        for source, target in ((inputs, hidden), (hidden, outputs)):
+            layers += [GridConv(source, target), nn.ReLU(), GridBatchNorm(target)]
+        super().__init__(*layers)
+
+    def forward(
+        self, features: Float[Tensor, "b i x y z"], active: Float[Tensor, "b 1 x y z"] | None
+    ) -> Float[Tensor, "b o x y z"]:
+        """Features of the same grid; `active` is 1 where there are any, None if that is everywhere."""
+        for layer in self:
+            features = layer(features)
+            if active is not None and isinstance(layer, GridBatchNorm):
+                features = features * active
+        return features
+
+
+NEAR = 4
+"""Cells are active in blocks of so many along each axis: those that hold points and those next to these."""
+
+
+def active_cells(occupied: Float[Tensor, "b 1 x y z"], levels: int) -> list[Float[Tensor, "b 1 _ _ _"]]:
+    """1 in the cells near points, 0 elsewhere, for grids of stride 1, 2, 4 and so on."""
+    blocks = nn.functional.max_pool3d(occupied, NEAR, ceil_mode=True)
+    blocks = nn.functional.max_pool3d(blocks, 3, stride=1, padding=1)
+    found = [_repeat_grid(blocks, NEAR, occupied)]
+    for _ in range(levels - 1):
+        found.append(nn.functional.max_pool3d(found[-1], 2, ceil_mode=True))
+    return found
 
 
 class DenseUNet(nn.Module):
-    """U-Net over the workspace grid; its four finest decoder-side maps are given out.
+    """U-Net over a grid; its four finest decoder-side maps are given out.
 
     Paper: volumetric features at 1 cm.
     Differs: pooling keeps a partial last cell and upsampling repeats cells, so that cell i of the map at stride s
-    covers exactly [i, i + 1] * s * pitch at every level (published: 30 -> 15 -> 7 -> 3 cells, stretched to fit).
+    covers exactly [i, i + 1] * s * pitch at every level (published: 30 -> 15 -> 7 -> 3 cells, stretched to fit). With
+    `any_extent` cells far from all points are as the space outside of the grid, so that how large it is and what
+    stands far away makes no difference.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
+        self.near_points_only = config.any_extent
         widths = config.dense_widths
         inputs = (config.dense_channels, *widths[:-1])
         self.encoder = nn.ModuleList(
-            _double_conv(source, max(target // 2, source), target)
+            DoubleConv(source, max(target // 2, source), target)
             for source, target in zip(inputs, widths, strict=True)
         )
         coarse_to_fine = widths[::-1]
         self.decoder = nn.ModuleList(
-            _double_conv(below + skip, skip, skip) for below, skip in itertools.pairwise(coarse_to_fine)
+            DoubleConv(below + skip, skip, skip) for below, skip in itertools.pairwise(coarse_to_fine)
         )
 
-    def forward(self, grid: Float[Tensor, "b d x y z"]) -> tuple[tuple[DenseMap, ...], ...]:
-        """For each scene four maps, coarse to fine: strides 4 (encoder), 4, 2 and 1 (decoder)."""
-        skips, features = [], grid.contiguous(memory_format=torch.channels_last_3d)
+    def forward(
+        self, inputs: Float[Tensor, "b d x y z"], grids: Sequence[CellGrid]
+    ) -> tuple[tuple[DenseMap, ...], ...]:
+        """For each scene four maps, coarse to fine: strides 4 (encoder), 4, 2 and 1 (decoder).
+
+        Args:
+            inputs: of the scenes; larger than the grid of a scene, with zeros there, where that of another is larger.
+            grids: where they are.
+        """
+        active: list[Tensor] | list[None] = [None] * len(self.encoder)
+        skips, features = [], inputs.contiguous(memory_format=torch.channels_last_3d)
+        if self.near_points_only:
+            active = active_cells(inputs[:, :1], len(self.encoder))
+            features = features * active[0]
         for index, block in enumerate(self.encoder):
             if index:
                 features = nn.functional.max_pool3d(features, 2, ceil_mode=True)
-            features = block(features)
+            features = block(features, active[index])
             skips.append(features)
         outputs = [skips[-2]]
-        for block, skip in zip(self.decoder, reversed(skips[:-1]), strict=True):
-            features = block(torch.cat([_double(features, skip), skip], 1))
+        for index in range(len(self.decoder)):
+            skip = skips[-2 - index]
+            features = self.decoder[index](torch.cat([_double(features, skip), skip], 1), active[-2 - index])
             outputs.append(features)
         strides = (4, 4, 2, 1)
         return tuple(
             tuple(
-                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), DENSE_PITCH * stride)
+                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), PITCH * stride, grid.origin)
                 for output, stride in zip(outputs, strides, strict=True)
             )
-            for scene in range(len(grid))
+            for scene, grid in enumerate(grids)
         )
 
 
@@ -101,7 +145,7 @@ class CoarseVolume(nn.Module):
         for project, level, finer in zip(self.project, coarser, maps[1:], strict=True):
             total = _repeat(total + project(level.features), round(level.pitch / finer.pitch), finer.features)
         assert isinstance(total, Tensor)
-        return (*coarser, DenseMap(torch.cat([finest.features, total], 3), finest.pitch))
+        return (*coarser, DenseMap(torch.cat([finest.features, total], 3), finest.pitch, finest.origin))
 
 
 def _repeat(features: Float[Tensor, "x y z c"], factor: int, like: Tensor) -> Tensor:
@@ -114,7 +158,11 @@ def _repeat(features: Float[Tensor, "x y z c"], factor: int, like: Tensor) -> Te
 
 
 def _double(features: Tensor, like: Tensor) -> Tensor:
-    """Every cell repeated twice along each axis, cut to the size of `like`."""
-    doubled = nn.functional.interpolate(features, scale_factor=2, mode="nearest")
+    return _repeat_grid(features, 2, like)
+
+
+def _repeat_grid(features: Tensor, factor: int, like: Tensor) -> Tensor:
+    """Every cell repeated along each of the last three axes, cut to the size of `like`."""
+    repeated = nn.functional.interpolate(features, scale_factor=factor, mode="nearest")
     size_x, size_y, size_z = like.shape[2:]
-    return doubled[:, :, :size_x, :size_y, :size_z]
+    return repeated[:, :, :size_x, :size_y, :size_z]

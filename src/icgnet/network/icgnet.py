@@ -9,14 +9,17 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from icgnet.errors import InputError
-from icgnet.network.config import DENSE_CELLS, DENSE_PITCH, NetworkConfig
-from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, ContactInputs, centred_on_queries
+from icgnet.geometry.cells import PITCH
+from icgnet.grasping.gripper import Gripper
+from icgnet.network.config import NetworkConfig
+from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, ContactInputs
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.dense_unet import CoarseVolume, DenseUNet
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.hand_decoder import HandDecoder
+from icgnet.network.hand_input import HandInput
 from icgnet.network.inputs import SceneInput, surface_features
-from icgnet.network.interpolation import Interpolation, NeighbourPooling, feature_level
+from icgnet.network.interpolation import Interpolation, NeighbourPooling, feature_level, placed
 from icgnet.network.positional import FourierEncoding, scene_bounds
 from icgnet.network.refinement import QueryRefinement, StageOutput
 from icgnet.network.sparse_unet import SparseUNet, VoxelPyramid
@@ -58,7 +61,7 @@ class IcgNet(nn.Module):
         pyramid = VoxelPyramid.build(coordinates)
         positions = torch.cat([scene.positions for scene in inputs])
         surface = self.sparse(pyramid, surface_features(pyramid.levels[0], positions, self.config))
-        volume = self.dense(torch.stack([scene.dense for scene in inputs]))
+        volume = self.dense(_stacked([scene.dense for scene in inputs]), [scene.grid for scene in inputs])
         with _full_precision(positions):
             viewpoints = [scene.viewpoint for scene in inputs]
             tokens = aggregate(pyramid, positions, surface, volume, self.config.voxel_size, viewpoints)
@@ -74,7 +77,7 @@ class IcgNet(nn.Module):
             bounds=bounds,
             tokens=levels,
             dense_maps=self.coarse_volume(maps),
-            dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), DENSE_PITCH),
+            dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), PITCH, scene.grid.origin),
             query_positions=query_positions,
             stages=stages,
         )
@@ -94,8 +97,9 @@ class IcgNet(nn.Module):
             InputError: for a stage that the configuration does not decode.
         """
         with _full_precision(points):
-            features, centres, latent = self._occupancy_inputs(embedding, queries, points, stage)
-            return self.occupancy(centred_on_queries(features, centres), latent[:, None])[..., 0]
+            features, latent = self._occupancy_inputs(embedding, queries, points, stage)
+            seeds = embedding.query_positions[queries][:, None]
+            return self.occupancy(self._placed(features, points, seeds, embedding), latent[:, None])[..., 0]
 
     def decode_occupancy_pairs(
         self,
@@ -107,19 +111,23 @@ class IcgNet(nn.Module):
     ) -> Float[Tensor, "n k"]:
         """As `decode_occupancy`, for `k` instances of each point alone; `instances` are rows of `queries`."""
         with _full_precision(points):
-            features, centres, latent = self._occupancy_inputs(embedding, queries, points, stage)
-            offsets = features[:, None, :3] - centres[instances]
-            others = features[:, None, 3:].expand(-1, instances.shape[1], -1)
-            return self.occupancy(torch.cat([offsets, others], 2), latent, instances)[..., 0]
+            features, latent = self._occupancy_inputs(embedding, queries, points, stage)
+            seeds = embedding.query_positions[queries[instances]]
+            where = self._placed(features[:, None], points[:, None], seeds, embedding)
+            return self.occupancy(where, latent, instances)[..., 0]
 
     def _occupancy_inputs(
         self, embedding: SceneEmbedding, queries: Int[Tensor, " i"], points: Float[Tensor, "n 3"], stage: int
-    ) -> tuple[Float[Tensor, "n f"], Float[Tensor, "i 3"], Float[Tensor, "i c"]]:
-        """Features at the points, normalised positions of the queries, and what the decoder is told of these."""
+    ) -> tuple[Float[Tensor, "n f"], Float[Tensor, "i c"]]:
+        """Features at the points, and what the decoder is told of the queries."""
         stage, _ = self._stage(embedding, stage)
-        features = self.occupancy_features(points, embedding, feature_level(stage), self.pooling, self.encoding)
-        centres = embedding.bounds.normalise(embedding.query_positions[queries])
-        return features, centres, self._latent(embedding, queries, embedding.stages[stage].queries)
+        features = self.occupancy_features(points, embedding, feature_level(stage), self.pooling)
+        return features, self._latent(embedding, queries, embedding.stages[stage].queries)
+
+    def _placed(self, features: Tensor, points: Tensor, seeds: Tensor, embedding: SceneEmbedding) -> Tensor:
+        """Features of points as seen from queries that were seeded there; the position relative to the seed first."""
+        own = self.encoding(seeds, seeds, embedding.bounds)[..., :3]
+        return placed(features, self.encoding(points, seeds, embedding.bounds), own)
 
     @property
     def device(self) -> torch.device:
@@ -132,6 +140,7 @@ class IcgNet(nn.Module):
         queries: Int[Tensor, " g"],
         contacts: Float[Tensor, "g 3"],
         normals: Float[Tensor, "g 3"],
+        hand: HandInput,
         stage: int = -1,
     ) -> Affordance:
         """Grasp success per approach angle and opening width at contacts, each with its own instance's query.
@@ -140,7 +149,8 @@ class IcgNet(nn.Module):
             embedding: of the scene.
             queries: for each contact the query of the instance it is on.
             contacts: points on the objects [m, workspace frame].
-            normals: outward unit normals there (workspace frame); a network of the published kind ignores them.
+            normals: outward unit normals there (table frame); a network of the published kind ignores them.
+            hand: that is to grasp, see `hand_input`; a network of the published kind knows only its own.
             stage: which stage's queries are decoded; the last by default.
 
         Raises:
@@ -149,14 +159,21 @@ class IcgNet(nn.Module):
         stage, affordance_queries = self._stage(embedding, stage)
         level = feature_level(stage)
         with _full_precision(contacts):
-            features = self.affordance_features(contacts, embedding, level, self.pooling, self.encoding)
+            features = self.affordance_features(contacts, embedding, level, self.pooling)
+            seeds = embedding.query_positions[queries]
+            features = placed(features, self.encoding(contacts, seeds, embedding.bounds))
             latent = self._latent(embedding, queries, affordance_queries)
-            told = ContactInputs(features, affordance_queries[queries], latent, contacts, normals, embedding)
+            told = ContactInputs(features, affordance_queries[queries], latent, contacts, normals, hand, embedding)
             return self.affordance(told)
+
+    def hand_input(self, gripper: Gripper) -> HandInput:
+        """What the affordance decoder is told of a hand."""
+        return HandInput.of(gripper, self.config.hand).to(self.device)
 
     def _latent(self, embedding: SceneEmbedding, rows: Tensor, queries: Tensor) -> Tensor:
         """Query, its positional encoding and the scene scale, for the chosen rows."""
-        positions = self.encoding(embedding.query_positions[rows], embedding.bounds)
+        seeds = embedding.query_positions[rows]
+        positions = self.encoding(seeds, seeds, embedding.bounds)
         scale = embedding.bounds.extent.expand(len(rows), 1)
         return torch.cat([queries[rows], positions, scale], 1)
 
@@ -168,13 +185,21 @@ class IcgNet(nn.Module):
         return stage, output.affordance_queries
 
     def _check(self, inputs: list[SceneInput]) -> None:
-        size = DENSE_CELLS
-        expected = (self.config.dense_channels, size, size, size)
         for number, scene in enumerate(inputs):
+            expected = (self.config.dense_channels, *scene.grid.shape)
             if len(scene.voxels) == 0:
                 raise InputError(f"scene {number} has no voxels")
             if tuple(scene.dense.shape) != expected:
                 raise InputError(f"scene {number}: dense grid {tuple(scene.dense.shape)}, expected {expected}")
+
+
+def _stacked(grids: list[Float[Tensor, "d _ _ _"]]) -> Float[Tensor, "b d x y z"]:
+    """Grids of one size or of several, these with zeros beyond their ends."""
+    largest = [max(grid.shape[axis] for grid in grids) for axis in (1, 2, 3)]
+    stacked = grids[0].new_zeros(len(grids), grids[0].shape[0], *largest)
+    for whole, grid in zip(stacked, grids, strict=True):
+        whole[:, : grid.shape[1], : grid.shape[2], : grid.shape[3]] = grid
+    return stacked
 
 
 def _full_precision(like: Tensor) -> torch.autocast:

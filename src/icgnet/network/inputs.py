@@ -8,8 +8,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from icgnet.errors import InputError
-from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
-from icgnet.network.config import DENSE_CELLS, DENSE_PITCH, NetworkConfig
+from icgnet.geometry.cells import PITCH, WORKSPACE_CELLS, CellGrid
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.network.config import NetworkConfig
 from icgnet.network.sparse_conv import VoxelLevel
 
 HEIGHT_UNIT = 0.1
@@ -20,22 +21,25 @@ they share."""
 
 @dataclass(frozen=True, eq=False)
 class SceneInput:
-    """One scene as the network takes it, in the workspace frame, without the table."""
+    """One scene as the network takes it, in the table's frame, without the table."""
 
     voxels: Int[Tensor, "v 3"]
     """Indices of the occupied voxels (int64), any sign and extent."""
     positions: Float[Tensor, "v 3"]
     """Mean of the points of each voxel [m]."""
     dense: Float[Tensor, "d x y z"]
-    """Occupancy of the workspace grid; with visibility its value and a flag that it is known; with point inputs the
+    """Occupancy of the cells of the grid; with visibility its value and a flag that it is known; with point inputs the
     mean offset of a cell's points from its centre, in cells."""
+    grid: CellGrid = WORKSPACE_CELLS
+    """Which cells these are."""
     viewpoint: Float[Tensor, "3"] | None = None
     """Where the camera stood [m], if it is known."""
 
     def to(self, device: torch.device | str) -> "SceneInput":
         """The same on another device."""
         viewpoint = None if self.viewpoint is None else self.viewpoint.to(device)
-        return SceneInput(self.voxels.to(device), self.positions.to(device), self.dense.to(device), viewpoint)
+        voxels, positions, dense = (each.to(device) for each in (self.voxels, self.positions, self.dense))
+        return SceneInput(voxels, positions, dense, self.grid, viewpoint)
 
 
 def make_scene_input(
@@ -43,16 +47,18 @@ def make_scene_input(
     config: NetworkConfig,
     visibility: Float[np.ndarray, "x y z"] | None = None,
     viewpoint: Float[np.ndarray, "3"] | None = None,
+    grid: CellGrid = WORKSPACE_CELLS,
 ) -> tuple[SceneInput, Int[np.ndarray, " n"]]:
     """The network's input for a cloud, and for each point the row of its voxel.
 
     Args:
-        points: surface points without the table [m, workspace frame]; points outside the workspace keep their voxels
-            but do not appear in the dense grid.
+        points: surface points without the table [m, table frame]; points outside of the grid keep their voxels but do
+            not appear in the dense part.
         config: of the network that will take it.
         visibility: projective signed distance of the cells of the dense grid (+1 free, -1 hidden), None if the
             viewpoint is not known. Ignored by a configuration without visibility.
-        viewpoint: where the camera stood [m, workspace frame], None if it is not known.
+        viewpoint: where the camera stood [m, table frame], None if it is not known.
+        grid: the cells of the dense part.
 
     Raises:
         InputError: for an empty cloud, points that are not finite, or a visibility grid of another size.
@@ -65,11 +71,12 @@ def make_scene_input(
     voxels, point_to_voxel = _unique_rows(np.floor(points / config.voxel_size).astype(np.int64))
     counts = np.bincount(point_to_voxel, minlength=len(voxels))
     sums = np.stack([np.bincount(point_to_voxel, weights=points[:, axis]) for axis in range(3)], 1)
-    dense = _dense_grid(points, config, visibility)
+    dense = _dense_grid(points, config, visibility, grid)
     scene = SceneInput(
         voxels=torch.from_numpy(voxels),
         positions=torch.from_numpy((sums / counts[:, None]).astype(np.float32)),
         dense=torch.from_numpy(dense),
+        grid=grid,
         viewpoint=None if viewpoint is None else torch.from_numpy(np.asarray(viewpoint, np.float32)),
     )
     return scene, point_to_voxel
@@ -84,31 +91,28 @@ def _unique_rows(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells[first], inverse
 
 
-def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarray | None) -> np.ndarray:
-    size = DENSE_CELLS
-    dense = np.zeros((config.dense_channels, size, size, size), np.float32)
-    cells = np.floor(points / DENSE_PITCH).astype(np.int64)
-    inside = cells[((cells >= 0) & (cells < size)).all(1)]
-    dense[0, inside[:, 0], inside[:, 1], inside[:, 2]] = 1.0
+def _dense_grid(
+    points: np.ndarray, config: NetworkConfig, visibility: np.ndarray | None, grid: CellGrid
+) -> np.ndarray:
+    dense = np.zeros((config.dense_channels, *grid.shape), np.float32)
+    cells, inside = grid.cells(points)
+    rows = np.ravel_multi_index(tuple(cells[inside].T), grid.shape)
+    dense[0].reshape(-1)[rows] = 1.0
     if config.visibility and visibility is not None:
-        if visibility.shape != (size, size, size):
-            raise InputError(f"visibility {visibility.shape}: expected {(size, size, size)}")
+        if visibility.shape != grid.shape:
+            raise InputError(f"visibility {visibility.shape}: expected {grid.shape}")
         dense[1] = visibility
         dense[2] = 1.0
     if config.point_inputs:
-        dense[-3:] = _mean_offsets(points / DENSE_PITCH, size)
+        offsets = points[inside] / PITCH - np.array(grid.lower) - cells[inside] - 0.5
+        dense[-3:] = _means(offsets, rows, dense[0].size).reshape(3, *grid.shape)
     return dense
 
 
-def _mean_offsets(points: np.ndarray, size: int) -> np.ndarray:
-    """Mean offset of the points [cells] in each cell of a grid from the cell's centre; 0 where there are none."""
-    cells = np.floor(points).astype(np.int64)
-    inside = ((cells >= 0) & (cells < size)).all(1)
-    rows = np.ravel_multi_index(tuple(cells[inside].T), (size, size, size))
-    offsets = points[inside] - cells[inside] - 0.5
-    counts = np.maximum(np.bincount(rows, minlength=size**3), 1)
-    sums = [np.bincount(rows, weights=offsets[:, axis], minlength=size**3) for axis in range(3)]
-    return (np.stack(sums) / counts).reshape(3, size, size, size)
+def _means(values: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """Mean of the values [n 3] in each of so many rows; 0 where there are none."""
+    sums = [np.bincount(rows, weights=values[:, axis], minlength=count) for axis in range(3)]
+    return np.stack(sums) / np.maximum(np.bincount(rows, minlength=count), 1)
 
 
 def surface_features(level: VoxelLevel, positions: Float[Tensor, "v 3"], config: NetworkConfig) -> Float[Tensor, "v c"]:
@@ -146,8 +150,8 @@ def local_moments(level: VoxelLevel, positions: Float[Tensor, "v 3"], voxel_size
     Returns:
         Mean relative to the voxel's own point [voxels], and xx, xy, xz, yy, yz, zz of the covariance over its trace.
     """
-    # About the middle of the workspace, for the precision of the squares.
-    centred = positions - 0.5 * SIZE
+    # About the middle of all, for the precision of the squares.
+    centred = positions - 0.5 * (positions.amin(0) + positions.amax(0))
     own = torch.cat([centred.new_ones(len(centred), 1), centred, second_moments(centred)], 1)
     padded = torch.cat([own, own.new_zeros(1, own.shape[1])])
     sums = nn.functional.embedding_bag(level.neighbours(MOMENT_KERNEL), padded, mode="sum")

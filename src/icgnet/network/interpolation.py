@@ -7,7 +7,6 @@ from torch import Tensor, nn
 from icgnet.network.config import NetworkConfig
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.layers import ResidualBlock
-from icgnet.network.positional import FourierEncoding
 from icgnet.network.tokens import Tokens, decoder_map_widths, token_widths
 
 
@@ -39,10 +38,9 @@ class NeighbourPooling(nn.Module):
 
 
 class Interpolation(nn.Module):
-    """Point features of one task: positional encoding plus what the maps say there.
+    """Point features of one task: what the maps say there.
 
-    Paper: interpolation. As in the published network the features are added to the positional encoding (all but its
-    first three channels) and the normalised position is appended.
+    Paper: interpolation; `placed` adds the positional encoding.
     Differs: neighbours are found among the mean points of the voxels, not among their indices.
     """
 
@@ -61,15 +59,30 @@ class Interpolation(nn.Module):
         embedding: SceneEmbedding,
         level: int,
         pooling: NeighbourPooling,
-        encoding: FourierEncoding,
     ) -> Float[Tensor, "n c"]:
-        """Features at points [m, workspace frame], read at one level (0 coarse to 3 fine); width + 3 channels."""
+        """Features at points [m, table frame], read at one level (0 coarse to 3 fine); width - 3 channels."""
         tokens, own = embedding.tokens[level], level - self.first_level
         volume = self.dense[own](embedding.dense_maps[level].trilinear(points))
         surface = pooling(points, tokens, self.sparse[own](tokens.features))
-        features = self.merge(torch.cat([volume, surface], 1))
-        position = encoding(points, embedding.bounds)
-        return torch.cat([position[:, :3], position[:, 3:] + features, position[:, :3]], 1)
+        return self.merge(torch.cat([volume, surface], 1))
+
+
+def placed(
+    features: Float[Tensor, "*p f"], encoded: Float[Tensor, "*q c"], origin: Float[Tensor, "*o 3"] | None = None
+) -> Float[Tensor, "*q d"]:
+    """Features of points where they are; width + 3 channels.
+
+    As in the published network the features are added to the positional encoding (all but its first three channels)
+    and the normalised position is appended.
+
+    Args:
+        features: of the points.
+        encoded: positional encoding of the points; all three broadcast.
+        origin: what the first three channels, which are the normalised position, are given relative to.
+    """
+    position = encoded[..., :3]
+    first = position if origin is None else position - origin
+    return torch.cat([first, encoded[..., 3:] + features, position], -1)
 
 
 def feature_level(stage: int) -> int:

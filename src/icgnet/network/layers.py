@@ -1,8 +1,12 @@
 """Small layers that the queries and the decoders share."""
 
+import math
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
+
+from icgnet.network.positional import Places
 
 
 class ResidualBlock(nn.Module):
@@ -40,23 +44,40 @@ class Attention(nn.Module):
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
-        self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
+        self.heads = heads
+        self.to_queries, self.to_keys, self.to_values = (nn.Linear(width, width) for _ in range(3))
+        self.end = nn.Linear(width, width)
         self.norm = nn.LayerNorm(width)
+        for layer in (self.to_queries, self.to_keys, self.to_values):
+            nn.init.xavier_uniform_(layer.weight)
+            nn.init.zeros_(layer.bias)
+        nn.init.zeros_(self.end.bias)
 
     def forward(
         self,
         queries: Float[Tensor, "q c"],
-        query_positions: Float[Tensor, "q c"],
+        own: Float[Tensor, "q c"],
         tokens: Float[Tensor, "t c"],
-        token_positions: Float[Tensor, "t c"],
-        blocked: Bool[Tensor, "q t"] | None = None,
+        places: Places,
+        blocked: Bool[Tensor, "q t"],
     ) -> Float[Tensor, "q c"]:
-        """Queries after they attended to the tokens that are not blocked for them."""
-        attended, _ = self.attention(
-            (queries + query_positions)[None],
-            (tokens + token_positions)[None],
-            tokens[None],
-            attn_mask=blocked,
-            need_weights=False,
-        )
-        return self.norm(queries + attended[0])
+        """Queries after they attended to the tokens that are not blocked for them.
+
+        Args:
+            queries: their features.
+            own: encoding of each one's own place.
+            tokens: what is attended to.
+            places: of the tokens, for each query.
+            blocked: what a query must not attend to; something must be left to each.
+        """
+        heads = (self.heads, -1)
+        asked = self.to_queries(queries + own).unflatten(1, heads)
+        keys, values = self.to_keys(tokens).unflatten(1, heads), self.to_values(tokens).unflatten(1, heads)
+        # Where a token is differs from query to query, but its part in the product is linear in what all share.
+        of_place = torch.einsum("qhd,hdc->qhc", asked, self.to_keys.weight.unflatten(0, heads))
+        asked = torch.cat([asked, places.dot(of_place)], 2).transpose(0, 1)
+        keys = torch.cat([keys, places.of_points[:, None].expand(-1, self.heads, -1)], 2)
+        logits = asked @ keys.permute(1, 2, 0) / math.sqrt(values.shape[2])
+        shares = logits.masked_fill(blocked, -math.inf).softmax(2)
+        attended = (shares @ values.transpose(0, 1)).transpose(0, 1).flatten(1)
+        return self.norm(queries + self.end(attended))

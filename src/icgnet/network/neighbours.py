@@ -30,6 +30,21 @@ class NeighbourSearch:
         return nearest
 
 
+def spaced_points(points: Float[Tensor, "n 3"], spacing: float) -> Int[Tensor, " k"]:
+    """Rows of points that are at least `spacing` [m] apart, so many that every point is within that of one of them.
+
+    In the order of the rows each point is taken that none before is near to, so what is far away changes nothing.
+    """
+    places = points.detach().cpu().numpy()
+    near = KDTree(places).query_ball_point(places, spacing)
+    covered, rows = np.zeros(len(places), dtype=bool), []
+    for row in range(len(places)):
+        if not covered[row]:
+            rows.append(row)
+            covered[near[row]] = True
+    return torch.tensor(rows, device=points.device)
+
+
 def farthest_points(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, " k"]:
     """Rows of `count` points spread over the set: each is the farthest from those before it.
 

@@ -10,8 +10,8 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.network.config import NetworkConfig
 from icgnet.network.inputs import second_moments
 from icgnet.network.layers import Attention, FeedForward, ResidualBlock
-from icgnet.network.neighbours import farthest_points
-from icgnet.network.positional import Bounds, FourierEncoding
+from icgnet.network.neighbours import farthest_points, spaced_points
+from icgnet.network.positional import Bounds, FourierEncoding, Places
 from icgnet.network.tokens import Tokens, token_widths
 
 BALL_OFFSET, BALL_SIZE = 0.05, 0.03
@@ -22,6 +22,10 @@ CLASS_LEVELS = (0, 1)
 """Levels of the coarse tokens that the class head reads: 24 and 12 mm."""
 CLASS_POINTS = 64
 """Voxels of a mask that the class head looks at one by one."""
+SEED_LEVEL = 2
+"""Tokens that queries are seeded on, where they are seeded by area: 6 mm."""
+OUT_OF_REACH = -20.0
+"""Logit of a mask at a voxel that is farther from the query's seed than it may reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +41,15 @@ class StageOutput:
     """The queries for the affordance decoder; None at stages that the configuration does not decode."""
 
 
-def attention_blocks(mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshold: float) -> Bool[Tensor, "q t"]:
-    """Which tokens each query must not attend to: those that its pooled mask does not cover.
+def attention_blocks(
+    mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshold: float, far: Bool[Tensor, "q t"]
+) -> Bool[Tensor, "q t"]:
+    """Which tokens each query must not attend to: those that its pooled mask does not cover, and those that are far.
 
-    A query whose mask covers nothing attends to everything.
+    A query whose mask covers nothing attends to everything that is not far.
     """
-    blocked = (torch.sigmoid(tokens.pool(mask_logits.detach())) < threshold).t()
-    return blocked & ~blocked.all(1, keepdim=True)
+    blocked = far | (torch.sigmoid(tokens.pool(mask_logits.detach())) < threshold).t()
+    return torch.where(blocked.all(1, keepdim=True), far, blocked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +58,10 @@ class MaskScene:
 
     features: Float[Tensor, "v c"]
     """Projected features of the finest tokens."""
+    places: Places
+    """Where these are for every query."""
+    far: Bool[Tensor, "q v"]
+    """Which of them are out of a query's reach."""
     moments: Float[Tensor, "v m"]
     """Positions and their products, see `position_moments`; sums of them under a mask tell its place and extent."""
     seeds: Float[Tensor, "q 3"]
@@ -83,17 +93,13 @@ class MaskHead(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.embed = nn.Sequential(*(ResidualBlock(width, width) for _ in range(3)), nn.Linear(width, width))
 
-    def project_tokens(self, tokens: Tokens, places: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
-        """What the queries' embeddings are multiplied with, from the finest tokens and their positional encoding."""
-        return self.project(tokens.features)
-
     def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
         """Logits of the masks of the queries."""
         return scene.features @ self.embed(self.norm(queries)).t()
 
 
 class SeededMaskHead(MaskHead):
-    """Also projects the tokens' positional encoding, and adds a ball around the seed, moved and sized by the query.
+    """Also reads the voxels' positional encoding, and adds a ball around the seed, moved and sized by the query.
 
     Differs from the paper: features alone cannot tell two alike objects apart before much training.
     """
@@ -104,13 +110,14 @@ class SeededMaskHead(MaskHead):
         self.ball = nn.Linear(config.query_width, 4)
         _make_zero(self.ball)
 
-    def project_tokens(self, tokens: Tokens, places: Float[Tensor, "v c"]) -> Float[Tensor, "v c"]:
-        """What the queries' embeddings are multiplied with, from the finest tokens and their positional encoding."""
-        return super().project_tokens(tokens, places) + self.place(places)
-
     def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
         """Logits of the masks of the queries."""
-        return super().forward(queries, scene) + ball_logits(self.ball(self.norm(queries)), scene)
+        queries = self.norm(queries)
+        embedded = self.embed(queries)
+        of_place = scene.places.dot(embedded @ self.place.weight)
+        logits = scene.features @ embedded.t() + scene.places.of_points @ of_place.t()
+        logits = logits + ball_logits(self.ball(queries), scene)
+        return logits.masked_fill(scene.far.t(), OUT_OF_REACH)
 
 
 def ball_logits(balls: Float[Tensor, "q 4"], scene: MaskScene) -> Float[Tensor, "v q"]:
@@ -260,15 +267,14 @@ class RefinementStage(nn.Module):
     def forward(
         self,
         queries: Float[Tensor, "q c"],
-        query_positions: Float[Tensor, "q c"],
+        seeds: "Seeds",
         features: Float[Tensor, "t i"],
-        token_positions: Float[Tensor, "t c"],
+        places: Places,
         blocked: Bool[Tensor, "q t"],
     ) -> Float[Tensor, "q c"]:
         """Queries after one look at the tokens (`features` as aggregated) that are not blocked for them."""
-        tokens = self.tokens(features)
-        queries = self.cross_attention(queries, query_positions, tokens, token_positions, blocked)
-        queries = self.self_attention(queries, query_positions, queries, query_positions)
+        queries = self.cross_attention(queries, seeds.own, self.tokens(features), places, blocked)
+        queries = self.self_attention(queries, seeds.own, queries, seeds.places, seeds.far)
         return self.feed_forward(queries)
 
 
@@ -286,18 +292,30 @@ class AffordanceRefinement(nn.Module):
         self.feed_forwards = nn.ModuleList(FeedForward(width, hidden) for _ in range(config.affordance_rounds))
 
     def forward(
-        self,
-        queries: Float[Tensor, "q c"],
-        query_positions: Float[Tensor, "q c"],
-        class_logits: Float[Tensor, "q k"],
+        self, queries: Float[Tensor, "q c"], seeds: "Seeds", class_logits: Float[Tensor, "q k"]
     ) -> Float[Tensor, "q c"]:
-        """Queries that are classed "no object" are not attended to, unless all are."""
+        """Queries that are classed "no object" are not attended to, unless all in reach are."""
         empty = class_logits.detach().argmax(1) == class_logits.shape[1] - 1
-        blocked = (empty & ~empty.all()).expand(len(queries), -1)
+        blocked = seeds.far | empty
+        blocked = torch.where(blocked.all(1, keepdim=True), seeds.far, blocked)
         queries = self.start(queries)
         for attention, feed_forward in zip(self.attentions, self.feed_forwards, strict=True):
-            queries = feed_forward(attention(queries, query_positions, queries, query_positions, blocked))
+            queries = feed_forward(attention(queries, seeds.own, queries, seeds.places, blocked))
         return queries
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """Where the queries begin."""
+
+    positions: Float[Tensor, "q 3"]
+    """On the surface [m]."""
+    own: Float[Tensor, "q c"]
+    """Encoding of each one's place for itself."""
+    places: Places
+    """Where all of them are for each query."""
+    far: Bool[Tensor, "q q"]
+    """Which of them are out of a query's reach."""
 
 
 class QueryRefinement(nn.Module):
@@ -307,7 +325,7 @@ class QueryRefinement(nn.Module):
         super().__init__()
         self.config = config
         width = config.query_width
-        self.content = nn.Parameter(torch.randn(config.queries, width))
+        self.content = nn.Parameter(torch.randn(1 if config.any_extent else config.queries, width))
         self.content_of_seed = None
         if config.seeded_content:
             self.content_of_seed = nn.Linear(token_widths(config)[-1], width)
@@ -322,33 +340,59 @@ class QueryRefinement(nn.Module):
     ) -> tuple[Float[Tensor, "q 3"], tuple[StageOutput, ...]]:
         """Positions of the queries [m, workspace frame], and the predictions of all stages."""
         finest = levels[-1]
-        seeds = farthest_points(finest.positions, self.config.queries)
-        positions = finest.positions[seeds]
-        encoded = encoding(positions, bounds)
+        rows = self.seed_rows(levels)
+        positions = finest.positions[rows]
+        seeds = Seeds(
+            positions=positions,
+            own=encoding(positions, positions, bounds),
+            places=encoding.places(positions, positions, bounds),
+            far=self._far(positions, positions),
+        )
         scene = MaskScene(
-            features=self.mask_head.project_tokens(finest, encoding(finest.positions, bounds)),
+            features=self.mask_head.project(finest.features),
+            places=encoding.places(finest.positions, positions, bounds),
+            far=self._far(positions, finest.positions),
             moments=position_moments(finest.positions),
             seeds=positions,
             described=self.class_head.describe(levels),
             looked_at=self.class_head.look_at(levels),
         )
-        queries = self.content
+        queries = self.content.expand(len(rows), -1)
         if self.content_of_seed is not None:
-            queries = queries + self.content_of_seed(finest.features[seeds])
-        outputs = [self._predict(0, queries, encoded, scene)]
+            queries = queries + self.content_of_seed(finest.features[rows])
+        outputs = [self._predict(0, queries, seeds, scene)]
         for index, (stage, tokens) in enumerate(zip(self.stages, levels, strict=True)):
-            blocked = attention_blocks(outputs[-1].mask_logits, tokens, self.config.attention_threshold)
-            features, places = tokens.features, encoding(tokens.positions, bounds)
+            features, places = tokens.features, encoding.places(tokens.positions, positions, bounds)
+            far = self._far(positions, tokens.positions)
+            blocked = attention_blocks(outputs[-1].mask_logits, tokens, self.config.attention_threshold, far)
             limit = self.config.tokens_per_level[index]
             if self.training and len(features) > limit:
                 kept = torch.randperm(len(features), device=features.device)[:limit]
-                features, places, blocked = features[kept], places[kept], blocked[:, kept]
+                features, places, blocked = features[kept], places.select(kept), blocked[:, kept]
                 blocked = blocked & ~blocked.all(1, keepdim=True)
-            queries = stage(queries, encoded, features, places, blocked)
-            outputs.append(self._predict(index + 1, queries, encoded, scene))
+            queries = stage(queries, seeds, features, places, blocked)
+            outputs.append(self._predict(index + 1, queries, seeds, scene))
         return positions, tuple(outputs)
 
-    def _predict(self, index: int, queries: Tensor, encoded: Tensor, scene: MaskScene) -> StageOutput:
+    def seed_rows(self, levels: tuple[Tokens, ...]) -> Int[Tensor, " q"]:
+        """The voxels that queries are seeded on: one every few centimetres of surface, or a fixed number.
+
+        Paper: a fixed number of farthest points.
+        """
+        finest = levels[-1]
+        if not self.config.any_extent:
+            return farthest_points(finest.positions, self.config.queries)
+        coarser = levels[SEED_LEVEL]
+        rows = spaced_points(coarser.positions, self.config.seed_spacing)
+        return finest.search.nearest(coarser.positions[rows], 1)[:, 0]
+
+    def _far(self, seeds: Float[Tensor, "q 3"], points: Float[Tensor, "t 3"]) -> Bool[Tensor, "q t"]:
+        """Which points are out of the reach of a query."""
+        if not self.config.any_extent:
+            return torch.zeros(len(seeds), len(points), dtype=torch.bool, device=points.device)
+        return torch.cdist(seeds, points) > self.config.reach
+
+    def _predict(self, index: int, queries: Tensor, seeds: Seeds, scene: MaskScene) -> StageOutput:
         mask_logits = self.mask_head(queries, scene)
         class_logits = self.class_head(queries, mask_logits, scene)
         decoded = index in self.config.decoded_stages
@@ -356,7 +400,7 @@ class QueryRefinement(nn.Module):
             queries=queries,
             mask_logits=mask_logits,
             class_logits=class_logits,
-            affordance_queries=self.affordance(queries, encoded, class_logits) if decoded else None,
+            affordance_queries=self.affordance(queries, seeds, class_logits) if decoded else None,
         )
 
 

@@ -176,7 +176,7 @@ def decode_scenes(network: IcgNet, samples: Sequence[Sample], costs: MatchingCos
             continue
         embedding = network.encode([sample.input])[0]
         own = queries_of_instances(network, embedding, sample, costs)[sample.contact_instances]
-        logits = network.decode_affordance(embedding, own, sample.contacts, sample.normals).logits
+        logits = network.decode_affordance(embedding, own, sample.contacts, sample.normals, sample.hand).logits
         labels, seen = sample.labels > 0.5, sample.contact_seen
         scenes.append(SceneGrasps(logits.double().cpu().numpy(), labels.cpu().numpy(), seen.cpu().numpy()))
     return scenes

@@ -21,6 +21,7 @@ from icgnet.geometry.transforms import make_transform, transform_points, transfo
 from icgnet.geometry.visibility import visibility_grid
 from icgnet.geometry.workspace import CENTRE, contains
 from icgnet.network.config import NETWORKS, NetworkConfig
+from icgnet.network.hand_input import HandInput
 from icgnet.network.inputs import make_scene_input
 from icgnet.objects.classes import known_class
 from icgnet.objects.kinds import WIDE_KINDS
@@ -138,7 +139,7 @@ class RecipeDataset(Dataset):
         scene_input, point_to_voxel = make_scene_input(points, self.network, visibility, viewpoint if known else None)
         voxel_owners = majority(owners, point_to_voxel, len(scene_input.voxels), len(placements))
         voxel_instances, instance_of_object = renumber(
-            voxel_owners, len(placements), self.sampling.fewest_voxels, self.network.queries
+            voxel_owners, len(placements), self.sampling.fewest_voxels, self.network.most_instances
         )
         instances = [each for each, number in zip(placements, instance_of_object, strict=True) if number >= 0]
         if not instances:
@@ -147,8 +148,8 @@ class RecipeDataset(Dataset):
         world_points = draw_points(placements, self.sampling, T_work_world, rng)
         work_points = transform_points(T_work_world, world_points)
         distances = np.stack([each.distance(world_points) for each in instances])
-        # What another hand can grasp says nothing about the one that this network knows.
-        if not recipe.gripper.same_hand(self.network.gripper):
+        # What another hand can grasp says nothing about the one that a published network knows.
+        if not self.network.any_hand and not recipe.gripper.same_hand(self.network.gripper):
             instance_of_object = np.full_like(instance_of_object, NOTHING)
         contacts = _draw_contacts(recipe, instance_of_object, T_work_world, points, viewpoint, self.sampling, rng)
         return Sample(
@@ -164,6 +165,7 @@ class RecipeDataset(Dataset):
             contact_seen=torch.from_numpy(contacts.seen),
             labels=_tensor(contacts.labels),
             widths=_tensor(contacts.widths),
+            hand=HandInput.of(recipe.gripper, self.network.hand),
         )
 
     def _class_index(self, placement: Placement) -> int:

@@ -91,7 +91,7 @@ class TrainingLoss(nn.Module):
         if self.weights.every_instance:
             return self._every_instance_terms(embedding, sample, queries, stage)
         own = queries[sample.contact_instances]
-        answer = self.network.decode_affordance(embedding, own, sample.contacts, sample.normals, stage)
+        answer = self.network.decode_affordance(embedding, own, sample.contacts, sample.normals, sample.hand, stage)
         graspable = sample.labels.any(-1)
         return {
             "grasp": bce(answer.logits, sample.labels),
@@ -123,6 +123,7 @@ class TrainingLoss(nn.Module):
             queries.repeat_interleave(count),
             sample.contacts.repeat(len(queries), 1),
             sample.normals.repeat(len(queries), 1),
+            sample.hand,
             stage,
         )
         pairs = (len(queries), count)

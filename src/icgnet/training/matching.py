@@ -24,7 +24,7 @@ def match_queries(
     costs: MatchingCosts,
     seeds: Int[Tensor, "q"] | None = None,
 ) -> Int[Tensor, "i"]:
-    """The query of every instance; no query serves two.
+    """The query of every instance; no query serves two unless there are too few.
 
     Args:
         mask_logits: per voxel and query.
@@ -42,9 +42,11 @@ def match_queries(
     if seeds is not None:
         foreign = seeds[None] != torch.arange(len(masks), device=seeds.device)[:, None]
         cost += FOREIGN_COST * foreign
+    count = cost.shape[1]
+    cost = cost.repeat(1, -(-len(masks) // count))
     # A network that computes NaN gets any assignment; what follows from it is NaN, too, and the step is skipped.
     _, queries = linear_sum_assignment(cost.nan_to_num(FOREIGN_COST, FOREIGN_COST, -FOREIGN_COST).cpu().numpy())
-    return torch.as_tensor(queries, dtype=torch.int64, device=mask_logits.device)
+    return torch.as_tensor(queries % count, dtype=torch.int64, device=mask_logits.device)
 
 
 def mask_cost(mask_logits: Float[Tensor, "v q"], masks: Bool[Tensor, "i v"]) -> Float[Tensor, "i q"]:

@@ -137,7 +137,7 @@ def count_grasps(
     if len(sample.contacts) == 0:
         return
     own = queries[sample.contact_instances]
-    answer = network.decode_affordance(embedding, own, sample.contacts, sample.normals)
+    answer = network.decode_affordance(embedding, own, sample.contacts, sample.normals, sample.hand)
     scores, labels = answer.logits.sigmoid(), sample.labels > 0.5
     tally.scores.append(scores.flatten().float().cpu().numpy())
     tally.labels.append(labels.flatten().cpu().numpy())

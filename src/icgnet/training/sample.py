@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from icgnet.network.hand_input import HandInput
 from icgnet.network.inputs import SceneInput
 
 NOTHING = -1
@@ -31,6 +32,7 @@ class Sample:
         contact_seen: [g] whether the cloud has a point next to the contact.
         labels: [g 12] 1 where the grasp from that angle succeeded.
         widths: [g] object width between the finger tips [m].
+        hand: that the labels are true for.
     """
 
     input: SceneInput
@@ -45,6 +47,7 @@ class Sample:
     contact_seen: Bool[Tensor, "g"]
     labels: Float[Tensor, "g a"]
     widths: Float[Tensor, "g"]
+    hand: HandInput
 
     @property
     def masks(self) -> Bool[Tensor, "i v"]:
@@ -55,8 +58,7 @@ class Sample:
     def to(self, device: torch.device) -> "Sample":
         """The same sample on another device."""
         moved = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
-        inner = {name: value.to(device) for name, value in vars(self.input).items() if isinstance(value, Tensor)}
-        return replace(self, input=replace(self.input, **inner), **moved)
+        return replace(self, input=self.input.to(device), hand=self.hand.to(device), **moved)
 
 
 def majority(
@@ -77,7 +79,7 @@ def majority(
 
 
 def renumber(
-    voxel_owners: Int[np.ndarray, "v"], count: int, fewest: int, most: int
+    voxel_owners: Int[np.ndarray, "v"], count: int, fewest: int, most: int | None
 ) -> tuple[Int[np.ndarray, "v"], Int[np.ndarray, "count"]]:
     """Instances of the voxels, numbered without gaps, and the instance of every object (-1 when it has none).
 
@@ -85,11 +87,12 @@ def renumber(
         voxel_owners: object of every voxel, -1 for none.
         count: number of objects.
         fewest: voxels that an object must have to be an instance.
-        most: number of instances at most, the ones with most voxels: a network has only so many queries.
+        most: number of instances at most, the ones with most voxels: a network may have only so many queries. None is
+            any number.
     """
     voxels = np.bincount(voxel_owners[voxel_owners >= 0], minlength=count)
     rank = np.argsort(np.argsort(-voxels, kind="stable"))
-    visible = (voxels >= fewest) & (rank < most)
+    visible = (voxels >= fewest) & (rank < (count if most is None else most))
     instance_of_object = np.where(visible, np.cumsum(visible) - 1, NOTHING)
     # Index -1 reads the last entry, so nobody's voxels find the appended "nothing".
     return np.append(instance_of_object, NOTHING)[voxel_owners], instance_of_object

@@ -1,0 +1,53 @@
+"""Grids of cubic cells in the table's frame: which part of space a dense network sees."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from icgnet.geometry.workspace import SIZE
+
+PITCH = 0.010
+"""Edge of a cell [m]."""
+ALIGNMENT = 8
+"""Grids that are laid around points begin and end at multiples of so many cells: the coarsest cells of the dense part
+then lie at the same places for all of them."""
+ROOM = 0.04
+"""How far such a grid reaches beyond the points at least [m]."""
+
+
+@dataclass(frozen=True)
+class CellGrid:
+    """A box of cells; cell `(0, 0, 0)` of it begins at `lower` cells from the origin of the table's frame."""
+
+    lower: tuple[int, int, int]
+    shape: tuple[int, int, int]
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Where the grid begins [m, table frame]."""
+        x, y, z = self.lower
+        return (x * PITCH, y * PITCH, z * PITCH)
+
+    def cells(self, points: Float[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
+        """The cell of each point [m, table frame], and whether it belongs to the grid."""
+        cells = np.floor(points / PITCH).astype(np.int64) - np.array(self.lower)
+        return cells, ((cells >= 0) & (cells < np.array(self.shape))).all(axis=1)
+
+
+WORKSPACE_CELLS = CellGrid((0, 0, 0), (round(SIZE / PITCH),) * 3)
+"""The cells of the workspace."""
+
+
+def grid_around(points: Float[np.ndarray, "n 3"]) -> CellGrid:
+    """The grid for a scene of any extent: all that is within `ROOM` of a point [m, table frame], from the table's foot.
+
+    It begins and ends at multiples of `ALIGNMENT` cells, below at z = 0.
+    """
+    step = ALIGNMENT * PITCH
+    lower = np.floor((points.min(axis=0) - ROOM) / step).astype(int)
+    upper = np.ceil((points.max(axis=0) + ROOM) / step).astype(int)
+    lower[2] = 0
+    x, y, z = (ALIGNMENT * lower).tolist()
+    width, depth, height = (ALIGNMENT * np.maximum(upper - lower, 1)).tolist()
+    return CellGrid((x, y, z), (width, depth, height))
