@@ -17,7 +17,6 @@ from icgnet.geometry.camera import check_depth, check_intrinsics, pixel_rays
 from icgnet.geometry.clouds import PointCloud, check_points, measured_rows
 from icgnet.geometry.depth_scale import LARGEST_ERROR, levelled_depth
 from icgnet.geometry.transforms import check_pose
-from icgnet.geometry.workspace import SIZE
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
@@ -25,18 +24,14 @@ from icgnet.inference.background import is_background
 from icgnet.inference.budget import Budget
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
-from icgnet.inference.instances import EncodedWindow, encode_windows, find_instances
-from icgnet.inference.looks import MARGIN, WIDE_SCALE, SceneObject, agree, needs_wide_look
+from icgnet.inference.instances import encode, find_instances
 from icgnet.inference.occlusion import joined_behind_others
-from icgnet.inference.parts import group_parts
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction, SupportPlane
 from icgnet.inference.shapes import Shape
 from icgnet.inference.support import Support
 from icgnet.inference.tabletop import Tabletop, find_tabletop
-from icgnet.inference.windows import Window, cover, fullest_first
 from icgnet.network.config import Precision
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.instances import FEWEST_VOXELS
 from icgnet.network.precision import check_device, use_bfloat16
 from icgnet.network.threads import set_threads
 from icgnet.network.weights import load_weights
@@ -47,8 +42,8 @@ MOST_OBJECTS = 64
 """The largest so many objects are looked at: no table holds more that a hand could tell apart, but noise does."""
 MOST_RESAMPLED = 24
 """The largest so many objects are asked for points of their predicted surface."""
-ENCODING_SHARE, RESAMPLING_SHARE = 0.5, 0.6
-"""With a budget, so much of it may be used up before the last windows are encoded and unseen sides are looked at."""
+RESAMPLING_SHARE = 0.6
+"""With a budget, so much of it may be used up before unseen sides are looked at."""
 WORLD, CAMERA = "world", "camera"
 """Names of the frames that results are in: a world with z up, unless the caller calls it otherwise, or the camera."""
 
@@ -228,21 +223,22 @@ class Predictor:
         tabletop = find_tabletop(cloud, table_height, for_table, is_level, mask)
         clock.lap("input")
 
-        made_out, windows_left_out = self._make_out(tabletop, budget)
+        scene, points_left_out = encode(self.network, tabletop, self.in_bfloat16)
+        made_out = [] if scene is None else find_instances(scene, tabletop)
         points = tabletop.cloud.points
         # Of a scene whose table is known, everything above it is meant to be an object.
         found = [
             item
             for item in made_out
-            if tabletop.support is None or not is_background(points[item.rows], item.bodies[0].score, len(points))
+            if tabletop.support is None or not is_background(points[item.rows], item.score, len(points))
         ]
         left_out = {
-            "windows": windows_left_out,
+            "points": points_left_out,
             "objects": max(0, len(found) - MOST_OBJECTS),
             "background": len(made_out) - len(found),
         }
         whole = joined_behind_others(found[:MOST_OBJECTS], tabletop)
-        objects = [_Object.of(self.network, item, points) for item in whole]
+        objects = [[Shape.around(self.network, piece, points[piece.rows]) for piece in item] for item in whole]
         clock.lap("encode")
 
         grasps, rejected = self._search(tabletop, objects, for_contacts, clock, budget)
@@ -266,61 +262,28 @@ class Predictor:
         clock.lap("select")
         return result
 
-    def _make_out(self, tabletop: Tabletop, budget: Budget) -> tuple[list[SceneObject], int]:
-        """What stands on the table, seen as it is and, where that may help, at half its size.
-
-        Also returns how many windows were not looked at.
-        """
-        points, search = tabletop.cloud.points, self.search
-        standing = points[tabletop.standing]
-        windows = cover(standing[standing[:, 2] < SIZE], FEWEST_VOXELS)
-        views = self._encoded(tabletop, windows, budget)
-        close = find_instances(views, points)
-        groups = np.arange(len(close))
-        if search.merge_parts == "always" or (search.merge_parts == "auto" and len(windows) > 1):
-            groups = group_parts([item.rows for item in close], tabletop.cloud)
-
-        wide_windows: list[Window] = []
-        if search.wide_look == "always" or (search.wide_look == "auto" and needs_wide_look(close, len(windows))):
-            wide_windows = cover(standing, FEWEST_VOXELS, WIDE_SCALE)
-        wide_views = [] if budget.is_spent(ENCODING_SHARE) else self._encoded(tabletop, wide_windows, budget)
-        wide = find_instances(wide_views, points)
-        made_out = agree(close, groups, wide, points, margin=MARGIN if len(windows) == 1 else 0.0)
-        return made_out, len(windows) + len(wide_windows) - len(views) - len(wide_views)
-
-    def _encoded(self, tabletop: Tabletop, windows: list[Window], budget: Budget) -> list[EncodedWindow]:
-        """The windows, encoded; with a budget one after the other, the fullest first, at least one."""
-        if not budget.is_limited:
-            return encode_windows(self.network, tabletop, windows, self.in_bfloat16)
-        views: list[EncodedWindow] = []
-        for window in fullest_first(windows, tabletop.cloud.points[tabletop.standing]):
-            if views and budget.is_spent(ENCODING_SHARE):
-                break
-            views += encode_windows(self.network, tabletop, [window], self.in_bfloat16)
-        return views
-
     def _search(
         self,
         tabletop: Tabletop,
-        objects: list["_Object"],
+        objects: list[list[Shape]],
         rng: np.random.Generator,
         clock: "_Clock",
         budget: Budget,
     ) -> tuple[Grasps, dict[str, int]]:
         """Free grasps in the table frame, ranked; from the predicted surfaces too when the seen ones give few."""
-        parts = [part for item in objects for part in item.parts]
-        if not parts:
+        pieces = [piece for item in objects for piece in item]
+        if not pieces:
             return Grasps.empty(), {}
-        object_of = np.repeat(np.arange(len(objects)), [len(item.parts) for item in objects])
-        # The closer look knows surfaces more exactly.
-        obstacles = [item.parts or item.bodies for item in objects]
-        contacts = seen_contacts(tabletop, [part.instance for part in parts], self.search.contacts, rng)
+        object_of = np.repeat(np.arange(len(objects)), [len(item) for item in objects])
+        contacts = seen_contacts(tabletop, [piece.instance for piece in pieces], self.search.contacts, rng)
         rounds, rejected = [], Counter()
         while True:
-            candidates, dropped = score_contacts(self.network, parts, contacts, self.gripper, self.search)
+            candidates, dropped = score_contacts(self.network, pieces, contacts, self.gripper, self.search)
             candidates = replace(candidates, instances=object_of[candidates.instances])
             clock.lap("grasps")
-            free, hit = keep_free(candidates, obstacles, tabletop, self.gripper, self.search, budget.is_spent)
+            free, hit = keep_free(
+                candidates, pieces, len(objects), tabletop, self.gripper, self.search, budget.is_spent
+            )
             clock.lap("collision")
             rounds.append(free)
             rejected.update(dropped)
@@ -331,7 +294,7 @@ class Predictor:
             if is_last or not poor.any():
                 return ranked(grasps, self.search.select), dict(rejected)
             chosen = np.flatnonzero(poor[object_of])[:MOST_RESAMPLED]
-            contacts = surface_contacts(parts, chosen, self.search.contacts, rng)
+            contacts = surface_contacts(pieces, chosen, self.search.contacts, rng)
 
     def _with_few_grasps(self, grasps: Grasps, objects: int) -> Bool[np.ndarray, "o"]:
         """Which objects are worth a look at their unseen sides.
@@ -363,24 +326,6 @@ class _Clock:
         self._last = now
 
 
-@dataclass(frozen=True, eq=False)
-class _Object:
-    """An object with its shapes: those that it consists of, and those of the parts that grasps are scored with."""
-
-    found: SceneObject
-    bodies: list[Shape]
-    parts: list[Shape]
-
-    @staticmethod
-    def of(network: IcgNet, found: SceneObject, points: Float[np.ndarray, "n 3"]) -> "_Object":
-        parts = [Shape.around(network, item, points[item.rows]) for item in found.parts]
-        if [part.instance.query for part in parts] == [item.query for item in found.bodies] and all(
-            part.instance.view is item.view for part, item in zip(parts, found.bodies, strict=True)
-        ):
-            return _Object(found, parts, parts)
-        return _Object(found, [Shape.around(network, item, points[item.rows]) for item in found.bodies], parts)
-
-
 def _support_planes(support: Support) -> tuple[SupportPlane, ...]:
     """The plane that was taken for the table, and its rivals."""
     return tuple(
@@ -395,28 +340,32 @@ def _support_planes(support: Support) -> tuple[SupportPlane, ...]:
     )
 
 
-def _detected(number: int, item: _Object, tabletop: Tabletop, cloud: PointCloud) -> DetectedObject:
-    """The object of this number; its score and class are those of its largest body."""
-    largest = item.found.bodies[0]
+def _detected(number: int, pieces: list[Shape], tabletop: Tabletop, cloud: PointCloud) -> DetectedObject:
+    """The object of this number; its score and class are those of its largest piece."""
+    largest = pieces[0].instance
 
     def extract() -> trimesh.Trimesh:
-        meshes = [body.mesh.copy() for body in item.bodies]
-        return trimesh.util.concatenate(meshes).apply_transform(tabletop.T_frame_table)
+        return trimesh.util.concatenate([piece.mesh.copy() for piece in pieces]).apply_transform(tabletop.T_frame_table)
 
     return DetectedObject(
         instance_id=number,
         score=largest.score,
         class_name=largest.class_name,
         class_score=largest.class_score,
-        points=cloud.points[item.found.rows],
+        points=cloud.points[_rows(pieces)],
         extract=extract,
     )
 
 
-def _labels(objects: list[_Object], count: int) -> Int[np.ndarray, "n"]:
+def _rows(pieces: list[Shape]) -> Int[np.ndarray, "n"]:
+    """Points of an object in the tabletop's cloud."""
+    return np.sort(np.concatenate([piece.instance.rows for piece in pieces]))
+
+
+def _labels(objects: list[list[Shape]], count: int) -> Int[np.ndarray, "n"]:
     labels = np.full(count, NO_INSTANCE, dtype=np.int64)
-    for number, item in enumerate(objects):
-        labels[item.found.rows] = number
+    for number, pieces in enumerate(objects):
+        labels[_rows(pieces)] = number
     return labels
 
 

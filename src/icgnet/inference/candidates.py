@@ -10,7 +10,7 @@ import trimesh
 from jaxtyping import Float, Int
 
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
-from icgnet.geometry.workspace import TABLE_HEIGHT, above_table, contains
+from icgnet.geometry.workspace import TABLE_HEIGHT, above_table
 from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions, draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
@@ -27,6 +27,8 @@ CONTACT_VOXEL = 0.003
 STEEP = 0.5
 """Normals with |z| above this need a hand that comes from the side; the training contacts are mostly others, too."""
 STEEP_WEIGHT = 0.2
+FEWEST_CONTACTS = 32
+"""Contacts of every object at least, where there are many."""
 CONTACTS_AT_ONCE = 512
 CHECKS_AT_ONCE = 48
 CHECKS_PER_WANTED = 4
@@ -69,14 +71,12 @@ def seen_contacts(
     Args:
         tabletop: the scene.
         instances: its objects.
-        budget: contacts for each window, shared evenly among its objects; each gets one at least.
+        budget: contacts for all objects together, shared evenly; each gets `FEWEST_CONTACTS` at least.
         rng: draws the contacts.
     """
-    parts = []
+    parts, share = [], max(FEWEST_CONTACTS, budget // max(1, len(instances)))
     for number, instance in enumerate(instances):
-        share = max(1, budget // sum(other.view is instance.view for other in instances))
         points, _ = voxel_downsample(tabletop.cloud.points[instance.rows], CONTACT_VOXEL)
-        points = points[contains(instance.view.window.to_window(points))]
         # Normals only for points that have a chance, but from all neighbours.
         tried = points[rng.permutation(len(points))[: 2 * share]]
         normals = estimate_normals(points, tabletop.cloud.viewpoint, queries=tried)
@@ -93,15 +93,14 @@ def surface_contacts(
     surface, instead of being moved onto it by gradient descent from the seen points.
     """
     none = GraspContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
-    parts = [none]
+    parts, share = [none], max(FEWEST_CONTACTS, budget // max(1, len(chosen)))
     for number in chosen.tolist():
         shape = shapes[number]
-        share = max(1, budget // sum(shapes[other].instance.view is shape.instance.view for other in chosen))
         if len(shape.mesh.faces) == 0:
             continue
         drawn, faces, *_ = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))
         points, normals = np.asarray(drawn, dtype=np.float64), np.asarray(shape.mesh.face_normals[faces])
-        usable = above_table(points) & contains(shape.instance.view.window.to_window(points))
+        usable = above_table(points)
         contacts = GraspContacts(points[usable], normals[usable], np.full(usable.sum(), number))
         parts.append(_draw(contacts, share, rng))
     return GraspContacts.concatenate(parts)
@@ -125,26 +124,26 @@ def score_contacts(
 
     Args:
         network: decodes the contacts.
-        shapes: the objects; their instances know window and query.
+        shapes: the objects; their instances know the encoded scene and their query.
         contacts: where to grasp, table frame.
         gripper: the hand.
         search: the settings.
     """
     probabilities = np.zeros((len(contacts.points), len(APPROACH_ANGLES)))
     widths = np.zeros(len(contacts.points))
-    for view in {id(shape.instance.view): shape.instance.view for shape in shapes}.values():
-        members = np.array([shape.instance.view is view for shape in shapes])
-        index = np.flatnonzero(members[contacts.instances])
-        queries = np.array([shape.instance.query for shape in shapes])[contacts.instances]
-        for part in np.array_split(index, -(-len(index) // CONTACTS_AT_ONCE)) if len(index) else ():
-            affordance = network.decode_affordance(
-                view.embedding,
-                torch.from_numpy(queries[part]).to(network.device),
-                _tensor(view.window.to_window(contacts.points[part])).to(network.device),
-                _tensor(contacts.normals[part]).to(network.device),
-            )
-            probabilities[part] = torch.sigmoid(affordance.logits).cpu().numpy()
-            widths[part] = affordance.widths.cpu().numpy()
+    queries = np.array([shape.instance.query for shape in shapes])[contacts.instances]
+    hand = network.hand_input(gripper)
+    for start in range(0, len(queries), CONTACTS_AT_ONCE):
+        part = slice(start, start + CONTACTS_AT_ONCE)
+        affordance = network.decode_affordance(
+            shapes[0].instance.scene.embedding,
+            torch.from_numpy(queries[part]).to(network.device),
+            _tensor(contacts.points[part]).to(network.device),
+            _tensor(contacts.normals[part]).to(network.device),
+            hand,
+        )
+        probabilities[part] = torch.sigmoid(affordance.logits).cpu().numpy()
+        widths[part] = affordance.widths.cpu().numpy()
     if search.width_from == "shape":
         widths = _shape_widths(shapes, contacts, widths, gripper)
     return _believed(probabilities, np.maximum(widths, 0.0), contacts, gripper, search)
@@ -192,7 +191,8 @@ def _believed(
 
 def keep_free(
     grasps: Grasps,
-    objects: Sequence[Sequence[Shape]],
+    shapes: Sequence[Shape],
+    objects: int,
     tabletop: Tabletop,
     gripper: Gripper,
     search: GraspSearch,
@@ -204,7 +204,8 @@ def keep_free(
 
     Args:
         grasps: candidates, table frame, in the order in which they would be tried.
-        objects: the shapes of every object on the table; the hand may hit any of them.
+        shapes: all that stands on the table; the hand may hit any of it.
+        objects: how many objects these are; `instances` of the grasps are their numbers.
         tabletop: the measured points.
         gripper: the hand.
         search: the settings.
@@ -212,8 +213,7 @@ def keep_free(
     """
     rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
     points, _ = voxel_downsample(tabletop.cloud.points[tabletop.above], POINT_SPACING)
-    shapes = [shape for bodies in objects for shape in bodies]
-    found = np.zeros(len(objects), dtype=np.int64)
+    found = np.zeros(objects, dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
     free: list[Int[np.ndarray, "k"]] = []
     at_once = CHECKS_AT_ONCE if search.most is None else min(CHECKS_AT_ONCE, CHECKS_PER_WANTED * search.most)
@@ -234,7 +234,7 @@ def keep_free(
         )
         checked[batch] = True
         free.append(batch[collisions.free])
-        found += np.bincount(grasps.instances[batch[collisions.free]], minlength=len(objects))
+        found += np.bincount(grasps.instances[batch[collisions.free]], minlength=objects)
         for name in rejected:
             rejected[name] += collisions.counts[name]
         if is_over():

@@ -10,13 +10,8 @@ from icgnet.settings import check_choices, check_range
 class GraspSearch:
     """How objects and grasps are looked for."""
 
-    merge_parts: Literal["auto", "always", "never"] = "auto"
-    """Join objects whose common border is smooth; auto does so in scenes of several windows, which cut things."""
-    wide_look: Literal["auto", "always", "never"] = "auto"
-    """Look at the scene at half its size, too, for objects that are too large to be known whole; auto does so in scenes
-    of several windows, and where the network doubts an object."""
     contacts: int = 512
-    """Contact points that are scored for each window of 0.3 m, shared among its objects."""
+    """Contact points that are scored, shared among the objects; of many objects 32 of each."""
     min_score: float = 0.1
     """Candidates with a lower score are dropped."""
     select: Literal["best", "highest"] = "best"
@@ -27,8 +22,8 @@ class GraspSearch:
     most: int | None = None
     """Collision-free grasps, of all objects together, after which the search ends; None for no such end."""
     budget_ms: float | None = None
-    """About how long a prediction may take [ms]: the windows with most points are looked at first, and the best grasps
-    are checked first; the result says what was left out. Then it depends on the clock. None for as long as it takes."""
+    """About how long a prediction may take [ms]: the best grasps are checked first; the result says what was left out.
+    Then it depends on the clock. None for as long as it takes."""
     max_checked: int = 2048
     """Candidates that are checked for collision at most."""
     width_from: Literal["network", "shape"] = "network"

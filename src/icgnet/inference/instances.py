@@ -1,43 +1,42 @@
-"""The objects in the windows of a scene: encoded once, told apart, and each kept in one window only."""
+"""The objects of a scene: encoded in one pass, whatever its extent, and told apart."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from icgnet.geometry.cells import grid_around
 from icgnet.geometry.visibility import visibility_grid
 from icgnet.inference.tabletop import Tabletop
-from icgnet.inference.windows import Window, owners
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.inputs import make_scene_input
 from icgnet.network.instances import select_instances
 
-BATCH = 4
-"""Windows that are encoded at once."""
-MOST_VOXELS = 100_000
-"""Of windows with more voxels together, those with the fewest points are left out: a table of 20 windows has so many,
-and noise that fills space has more."""
-SAME_IOU = 0.5
-"""Two windows mean the same object when, of the points that both hold, their instances share more than this part."""
-DUPLICATE_OVERLAP = 0.5
-"""Two instances that share more than this part of the points of either one are the same object."""
+SURROUNDINGS = 0.05
+"""What cannot be an object is shown to the network where it is within the box around what can, and this far beyond it
+[m]."""
+MOST_POINTS, MOST_CELLS = 400_000, 1_000_000
+"""Of scenes with more points, or a larger dense grid, what is farthest from the middle is left out: a table of
+1.2 x 0.8 m has 100,000 points and 500,000 cells, and noise that fills space has more."""
+MOSTLY = 0.5
+"""An object has more than this share of its points where objects may be."""
+FEWEST_POINTS = 10
+"""What has fewer points there is none."""
 
 
 @dataclass(frozen=True, eq=False)
-class EncodedWindow:
-    """What the network knows of one window.
+class EncodedScene:
+    """What the network knows of a scene.
 
     Attributes:
-        window: where the cube is.
-        rows: points of the tabletop's cloud in it.
+        rows: points of the tabletop's cloud that it was shown.
         point_to_voxel: voxel of each of them.
-        embedding: the encoded scene, in the frame of the window.
+        embedding: the encoded scene, in the table frame.
         classes: names of the classes that the network knows, in the order of its logits.
     """
 
-    window: Window
     rows: Int[np.ndarray, "n"]
     point_to_voxel: Int[np.ndarray, "n"]
     embedding: SceneEmbedding
@@ -46,18 +45,18 @@ class EncodedWindow:
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """One object as seen in one window.
+    """One object.
 
     Attributes:
-        view: the window that it was found in.
+        scene: that it was found in.
         query: the network's query for it.
         score: how sure the network is that this is one whole object, 0 to 1.
         class_name: most probable class.
         class_score: probability of that class, given that it is an object.
-        rows: its points in the tabletop's cloud; a few may lie outside of the window.
+        rows: its points in the tabletop's cloud.
     """
 
-    view: EncodedWindow
+    scene: EncodedScene
     query: int
     score: float
     class_name: str
@@ -66,123 +65,65 @@ class Instance:
 
 
 @torch.no_grad()
-def encode_windows(
-    network: IcgNet, tabletop: Tabletop, windows: list[Window], bfloat16: bool = False
-) -> list[EncodedWindow]:
-    """Embeddings of the windows that hold points; of more than `MOST_VOXELS`, those with most points.
+def encode(network: IcgNet, tabletop: Tabletop, bfloat16: bool = False) -> tuple[EncodedScene | None, int]:
+    """The encoded scene, None if nothing stands on the table; and how many points were left out for want of time.
 
     `bfloat16` computes the U-Nets in 16 bits.
     """
-    standing = tabletop.cloud.points[tabletop.standing]
-    inside = [tabletop.standing[window.inside(standing)] for window in windows]
-    filled = [(window, rows) for window, rows in zip(windows, inside, strict=True) if len(rows)]
-    above, viewpoint = tabletop.cloud.points[tabletop.above], tabletop.cloud.viewpoint
-    prepared = []
-    for window, rows in filled:
-        points = window.to_window(tabletop.cloud.points[rows])
-        # Also things outside of the cube hide what is in it.
-        eye = None if viewpoint is None else window.to_window(viewpoint)
-        visibility = None if eye is None else visibility_grid(window.to_window(above), eye)
-        prepared.append(make_scene_input(points, network.config, visibility, eye))
-    affordable = _affordable([len(rows) for _, rows in filled], [len(scene.voxels) for scene, _ in prepared])
-    filled, prepared = [filled[index] for index in affordable], [prepared[index] for index in affordable]
-    embeddings = []
-    for start in range(0, len(prepared), BATCH):
-        scenes = [scene.to(network.device) for scene, _ in prepared[start : start + BATCH]]
-        with torch.autocast(network.device.type, torch.bfloat16, enabled=bfloat16):
-            embeddings += network.encode(scenes)
-    return [
-        EncodedWindow(window, rows, point_to_voxel, embedding, network.config.classes)
-        for (window, rows), (_, point_to_voxel), embedding in zip(filled, prepared, embeddings, strict=True)
-    ]
+    if len(tabletop.standing) == 0:
+        return None, 0
+    around = _around(tabletop)
+    rows = _affordable(tabletop, around)
+    points, viewpoint = tabletop.cloud.points[rows], tabletop.cloud.viewpoint
+    grid = grid_around(points)
+    # Also things that the network is not shown hide what is behind them.
+    above = tabletop.cloud.points[tabletop.above]
+    visibility = None if viewpoint is None else visibility_grid(above, viewpoint, grid)
+    scene, point_to_voxel = make_scene_input(points, network.config, visibility, viewpoint, grid)
+    scene = scene.to(network.device)
+    with torch.autocast(network.device.type, torch.bfloat16, enabled=bfloat16):
+        embedding = network.encode([scene])[0]
+    return EncodedScene(rows, point_to_voxel, embedding, network.config.classes), len(around) - len(rows)
 
 
-def _affordable(points: list[int], voxels: list[int]) -> list[int]:
-    """The windows that are looked at, in their order: by points, as many as `MOST_VOXELS` allows, one at least."""
-    order = sorted(range(len(points)), key=lambda index: -points[index])
-    total = np.cumsum([voxels[index] for index in order])
-    count = max(1, int((total <= MOST_VOXELS).sum()))
-    return sorted(order[:count])
+def _around(tabletop: Tabletop) -> Int[np.ndarray, "n"]:
+    """What may be an object, and what is around it."""
+    points, standing = tabletop.cloud.points[tabletop.above], tabletop.cloud.points[tabletop.standing]
+    lower, upper = standing.min(axis=0) - SURROUNDINGS, standing.max(axis=0) + SURROUNDINGS
+    return tabletop.above[((points >= lower) & (points <= upper)).all(axis=1)]
 
 
-def find_instances(views: list[EncodedWindow], points: Float[np.ndarray, "n 3"]) -> list[Instance]:
-    """The objects of all windows, each once, the one with most points first.
+def _affordable(tabletop: Tabletop, rows: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
+    """The points that are looked at: all, or those that are nearest to the middle of what may be an object."""
+    points = tabletop.cloud.points[rows]
+    middle = np.median(tabletop.cloud.points[tabletop.standing][:, :2], axis=0)
+    distance = np.abs(points[:, :2] - middle).max(axis=1)
+    limit = np.inf if len(rows) <= MOST_POINTS else float(np.partition(distance, MOST_POINTS)[MOST_POINTS])
+    while np.prod(grid_around(points[distance <= limit]).shape) > MOST_CELLS:
+        limit = 0.9 * min(limit, float(distance.max()))
+    return rows[distance <= limit]
 
-    Args:
-        views: the encoded windows.
-        points: the tabletop's cloud [m].
-    """
-    found = [item for view in views for item in instances_of(view)]
-    return keep_one_of_each(found, views, points) if found else []
 
-
-def instances_of(view: EncodedWindow) -> list[Instance]:
-    """The objects that one window shows.
+def find_instances(scene: EncodedScene, tabletop: Tabletop) -> list[Instance]:
+    """The objects of a scene, the one with most points first; what is no object stays out.
 
     Paper: instance masks and classes from the queries.
     """
-    output = view.embedding.stages[-1]
+    may_be_object: Bool[np.ndarray, "n"] = np.zeros(len(tabletop.cloud), dtype=bool)
+    may_be_object[tabletop.standing] = True
+    output = scene.embedding.stages[-1]
     found = select_instances(output)
     instances = []
     for query, score, mask in zip(
         found.queries.tolist(), found.scores.tolist(), found.masks.cpu().numpy(), strict=True
     ):
+        rows = scene.rows[mask[scene.point_to_voxel]]
+        own = rows[may_be_object[rows]]
+        if len(own) < max(FEWEST_POINTS, MOSTLY * len(rows)):
+            continue
         probabilities = torch.softmax(output.class_logits[query, :-1], dim=0)
         class_id = int(probabilities.argmax())
-        rows = view.rows[mask[view.point_to_voxel]]
-        instances.append(Instance(view, query, score, view.classes[class_id], float(probabilities[class_id]), rows))
-    return instances
-
-
-def keep_one_of_each(
-    found: list[Instance], views: list[EncodedWindow], points: Float[np.ndarray, "n 3"]
-) -> list[Instance]:
-    """The instances without those that another window shows better; no point belongs to two of them.
-
-    A window knows best what lies in its core, so an object first belongs to the window whose middle is nearest to
-    it; after that the more complete one counts. What sticks out of its window is added from the other windows.
-
-    Args:
-        found: instances of all windows; at least one.
-        views: the encoded windows.
-        points: the tabletop's cloud [m].
-    """
-    windows = [view.window for view in views]
-    middles = np.array([points[item.rows].mean(axis=0) for item in found])
-    at_home = [views[owner] is item.view for owner, item in zip(owners(windows, middles), found, strict=True)]
-    order = sorted(range(len(found)), key=lambda i: (not at_home[i], -len(found[i].rows)))
-    owner_of_point = np.full(len(points), -1)
-    kept: list[Instance] = []
-    for item in (found[index] for index in order):
-        earlier = owner_of_point[item.rows]
-        free = item.rows[earlier < 0]
-        same = _same_object(item, kept, owner_of_point)
-        if same is not None:
-            owner_of_point[free[~np.isin(free, kept[same].view.rows)]] = same
-        elif not _is_duplicate(item, earlier, kept):
-            owner_of_point[free] = len(kept)
-            kept.append(item)
-    whole = [replace(item, rows=np.flatnonzero(owner_of_point == number)) for number, item in enumerate(kept)]
-    return sorted(whole, key=lambda item: -len(item.rows))
-
-
-def _same_object(item: Instance, kept: list[Instance], owner_of_point: Int[np.ndarray, "n"]) -> int | None:
-    """The kept instance that agrees with this one on the points that both windows hold; None if there is none."""
-    mine = owner_of_point[item.rows]
-    theirs = owner_of_point[item.view.rows]
-    for number in np.unique(mine[mine >= 0]):
-        other = kept[number]
-        if other.view is item.view:
-            continue
-        shared = int((mine == number).sum())
-        either = int((theirs == number).sum()) + int(np.isin(item.rows, other.view.rows).sum()) - shared
-        if shared > SAME_IOU * either:
-            return int(number)
-    return None
-
-
-def _is_duplicate(item: Instance, earlier: Int[np.ndarray, "n"], kept: list[Instance]) -> bool:
-    """Whether most of this instance's points belong to kept ones already, or most of a kept one's to it."""
-    shared = np.bincount(earlier[earlier >= 0], minlength=len(kept))
-    swallowed = shared > DUPLICATE_OVERLAP * np.array([len(other.rows) for other in kept])
-    return bool(swallowed.any() or shared.sum() > DUPLICATE_OVERLAP * len(item.rows))
+        instances.append(
+            Instance(scene, query, score, scene.classes[class_id], float(probabilities[class_id]), own)
+        )
+    return sorted(instances, key=lambda item: -len(item.rows))

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from icgnet.geometry.clouds import PointCloud, estimate_normals, voxel_downsample
-from icgnet.inference.looks import SceneObject
+from icgnet.inference.instances import Instance
 from icgnet.inference.tabletop import Tabletop
 
 PITCH = 0.005
@@ -38,13 +38,12 @@ HIDDEN = 0.8
 """Share of the places between two pieces that must be hidden."""
 
 
-def joined_behind_others(found: Sequence[SceneObject], tabletop: Tabletop) -> list[SceneObject]:
-    """The objects, with those joined that only other objects in front of them have cut apart."""
+def joined_behind_others(found: Sequence[Instance], tabletop: Tabletop) -> list[list[Instance]]:
+    """The pieces of each object: of most one, several of those that only other objects in front have cut apart."""
     groups = join_occluded([item.rows for item in found], tabletop.cloud, tabletop.above)
-    members = [
+    return [
         [found[i] for i in np.flatnonzero(groups == number).tolist()] for number in range(groups.max(initial=-1) + 1)
     ]
-    return [SceneObject.joined(pieces) if len(pieces) > 1 else pieces[0] for pieces in members]
 
 
 def join_occluded(

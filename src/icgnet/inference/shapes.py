@@ -21,7 +21,7 @@ SIDE_PADDING = 0.04
 TOP_PADDING = 0.015
 """The same upwards [m]."""
 MESH_PITCH = 0.003
-"""Pitch of the grid in which the surface is looked for; this, the lattice and the paddings in the window's lengths."""
+"""Pitch of the grid in which the surface is looked for [m]."""
 LEVEL_POINTS = 512
 """About so many of the seen points are asked for the level of the surface."""
 GRID_PITCH = 0.006
@@ -56,25 +56,22 @@ class Shape:
 
     @staticmethod
     def around(network: IcgNet, instance: Instance, points: Float[np.ndarray, "n 3"]) -> "Shape":
-        """The shape of an instance with these points [m]; it reaches down to the table and stays in the window."""
-        window = instance.view.window
-        sideways, upwards = SIDE_PADDING / window.scale, TOP_PADDING / window.scale
-        lower = np.maximum(points.min(axis=0) - sideways, window.origin)
-        upper = np.minimum(points.max(axis=0) + np.array([sideways, sideways, upwards]), window.origin + window.size)
+        """The shape of an instance with these points [m]; it reaches down to the table."""
+        lower = points.min(axis=0) - SIDE_PADDING
+        upper = points.max(axis=0) + np.array([SIDE_PADDING, SIDE_PADDING, TOP_PADDING])
         lower[2] = TABLE_HEIGHT
         return Shape(network, instance, lower, upper, points)
 
     def logits(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Occupancy logits at points of the table frame [m], asked from the network."""
-        window = self.instance.view.window
-        return self._decode(torch.from_numpy(window.to_window(points).astype(np.float32))).numpy()
+        return self._decode(torch.from_numpy(points.astype(np.float32))).numpy()
 
     def occupancy(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Occupancy probability at points of the table frame [m], interpolated in a lattice; 0 outside of the box."""
         inside = np.flatnonzero(((points >= self.lower) & (points <= self.upper)).all(axis=1))
         probability = np.zeros(len(points))
         if len(inside):
-            index = (points[inside] - self.lower) / self.grid_pitch
+            index = (points[inside] - self.lower) / GRID_PITCH
             probability[inside] = expit(ndimage.map_coordinates(self._lattice, index.T, order=1, mode="nearest"))
         return probability
 
@@ -84,17 +81,9 @@ class Shape:
 
         It is drawn at `level`, which is 0 unless the network doubts what was seen.
         """
-        level, window = self.level, self.instance.view.window
-        lower, upper = window.to_window(self.lower), window.to_window(self.upper)
-        resolution = int(np.ceil(window.scale * (self.upper - self.lower).max() / MESH_PITCH))
-        seen = window.to_window(self.seen)
-        mesh = extract_mesh(lambda points: self._decode(points) - level, lower, upper, resolution, seen)
-        return mesh.apply_transform(window.T_table_window) if len(mesh.faces) else mesh
-
-    @property
-    def grid_pitch(self) -> float:
-        """Pitch of the lattice that collision checking reads [m]."""
-        return GRID_PITCH / self.instance.view.window.scale
+        level = self.level
+        resolution = int(np.ceil((self.upper - self.lower).max() / MESH_PITCH))
+        return extract_mesh(lambda points: self._decode(points) - level, self.lower, self.upper, resolution, self.seen)
 
     @cached_property
     def level(self) -> float:
@@ -132,7 +121,7 @@ class Shape:
     @cached_property
     def _lattice(self) -> Float[np.ndarray, "x y z"]:
         """Logits on a lattice: everywhere at twice the pitch, then at the pitch itself near surface and seen points."""
-        pitch = self.grid_pitch
+        pitch = GRID_PITCH
         cells = np.maximum(np.ceil((self.upper - self.lower) / (2 * pitch)), 1).astype(int)
         coarse_index = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1)
         coarse = self.logits((self.lower + 2 * pitch * coarse_index).reshape(-1, 3)).reshape(cells + 1)
@@ -147,7 +136,7 @@ class Shape:
 
     def _near_seen(self, nodes: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
         """Nodes of the lattice next to a point that was seen."""
-        around = cells_with(self.seen, self.lower - 0.5 * self.grid_pitch, self.grid_pitch, nodes)
+        around = cells_with(self.seen, self.lower - 0.5 * GRID_PITCH, GRID_PITCH, nodes)
         return ndimage.binary_dilation(around, np.ones((3, 3, 3), dtype=bool))
 
     @torch.no_grad()
@@ -156,7 +145,7 @@ class Shape:
             return points.new_zeros(0)
         device = self.network.device
         query = torch.tensor([self.instance.query], device=device)
-        return self.network.decode_occupancy(self.instance.view.embedding, query, points.to(device))[0].cpu()
+        return self.network.decode_occupancy(self.instance.scene.embedding, query, points.to(device))[0].cpu()
 
 
 def scene_occupancy(shapes: Sequence[Shape], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
