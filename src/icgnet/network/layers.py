@@ -1,9 +1,10 @@
 """Small layers that the queries and the decoders share."""
 
 import math
+from collections.abc import Sequence
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from icgnet.network.positional import Places
@@ -60,6 +61,7 @@ class Attention(nn.Module):
         tokens: Float[Tensor, "t c"],
         places: Places,
         blocked: Bool[Tensor, "q t"],
+        groups: Sequence[Int[Tensor, "_"]],
     ) -> Float[Tensor, "q c"]:
         """Queries after they attended to the tokens that are not blocked for them.
 
@@ -69,15 +71,21 @@ class Attention(nn.Module):
             tokens: what is attended to.
             places: of the tokens, for each query.
             blocked: what a query must not attend to; something must be left to each.
+            groups: rows of the queries that are computed together, without the tokens that are blocked for all of
+                them; together all rows.
         """
         heads = (self.heads, -1)
         asked = self.to_queries(queries + own).unflatten(1, heads)
         keys, values = self.to_keys(tokens).unflatten(1, heads), self.to_values(tokens).unflatten(1, heads)
         # Where a token is differs from query to query, but its part in the product is linear in what all share.
-        of_place = torch.einsum("qhd,hdc->qhc", asked, self.to_keys.weight.unflatten(0, heads))
-        asked = torch.cat([asked, places.dot(of_place)], 2).transpose(0, 1)
-        keys = torch.cat([keys, places.of_points[:, None].expand(-1, self.heads, -1)], 2)
-        logits = asked @ keys.permute(1, 2, 0) / math.sqrt(values.shape[2])
-        shares = logits.masked_fill(blocked, -math.inf).softmax(2)
-        attended = (shares @ values.transpose(0, 1)).transpose(0, 1).flatten(1)
-        return self.norm(queries + self.end(attended))
+        of_place = places.dot(torch.einsum("qhd,hdc->qhc", asked, self.to_keys.weight.unflatten(0, heads)))
+        attended = []
+        for rows in groups:
+            barred = blocked[rows]
+            seen = torch.nonzero(~barred.all(0))[:, 0]
+            logits = torch.einsum("qhd,thd->hqt", asked[rows], keys[seen])
+            logits = logits + torch.einsum("qhe,te->hqt", of_place[rows], places.of_points[seen])
+            logits = (logits / math.sqrt(values.shape[2])).masked_fill(barred[:, seen], -math.inf)
+            attended.append(torch.einsum("hqt,thd->qhd", logits.softmax(2), values[seen]).flatten(1))
+        order = torch.cat(list(groups)).argsort()
+        return self.norm(queries + self.end(torch.cat(attended)[order]))

@@ -36,12 +36,12 @@ def spaced_points(points: Float[Tensor, "n 3"], spacing: float) -> Int[Tensor, "
     In the order of the rows each point is taken that none before is near to, so what is far away changes nothing.
     """
     places = points.detach().cpu().numpy()
-    near = KDTree(places).query_ball_point(places, spacing)
+    tree = KDTree(places)
     covered, rows = np.zeros(len(places), dtype=bool), []
     for row in range(len(places)):
         if not covered[row]:
             rows.append(row)
-            covered[near[row]] = True
+            covered[tree.query_ball_point(places[row], spacing)] = True
     return torch.tensor(rows, device=points.device)
 
 

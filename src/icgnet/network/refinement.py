@@ -22,6 +22,8 @@ CLASS_LEVELS = (0, 1)
 """Levels of the coarse tokens that the class head reads: 24 and 12 mm."""
 CLASS_POINTS = 64
 """Voxels of a mask that the class head looks at one by one."""
+GROUP_SIZE = 0.15
+"""Queries in a tile of this edge attend together [m]: about as large as the objects that they are on."""
 SEED_LEVEL = 2
 """Tokens that queries are seeded on, where they are seeded by area: 6 mm."""
 OUT_OF_REACH = -20.0
@@ -35,8 +37,8 @@ class StageOutput:
     queries: Float[Tensor, "q c"]
     mask_logits: Float[Tensor, "v q"]
     """Whether a voxel belongs to a query's instance."""
-    class_logits: Float[Tensor, "q k"]
-    """Scores of the classes; the last one is "no object"."""
+    class_logits: Float[Tensor, "q k"] | None
+    """Scores of the classes; the last one is "no object". None outside of training at stages that are not decoded."""
     affordance_queries: Float[Tensor, "q c"] | None
     """The queries for the affordance decoder; None at stages that the configuration does not decode."""
 
@@ -70,6 +72,13 @@ class MaskScene:
     """What the class head averages under a mask, see `ClassHead.describe`."""
     looked_at: Float[Tensor, "v e"]
     """What it reads at single voxels, see `ClassHead.look_at`."""
+
+
+def tiles(points: Float[Tensor, "n 3"], size: float) -> tuple[Int[Tensor, "_"], ...]:
+    """Rows of the points in each square tile of this edge [m] that holds any."""
+    cells = torch.floor(points[:, :2] / size)
+    _, tile = torch.unique(cells, dim=0, return_inverse=True)
+    return tile.argsort(stable=True).split(torch.bincount(tile).tolist())
 
 
 MOMENT_ORIGIN = (0.15, 0.15, TABLE_HEIGHT)
@@ -273,8 +282,8 @@ class RefinementStage(nn.Module):
         blocked: Bool[Tensor, "q t"],
     ) -> Float[Tensor, "q c"]:
         """Queries after one look at the tokens (`features` as aggregated) that are not blocked for them."""
-        queries = self.cross_attention(queries, seeds.own, self.tokens(features), places, blocked)
-        queries = self.self_attention(queries, seeds.own, queries, seeds.places, seeds.far)
+        queries = self.cross_attention(queries, seeds.own, self.tokens(features), places, blocked, seeds.groups)
+        queries = self.self_attention(queries, seeds.own, queries, seeds.places, seeds.far, seeds.groups)
         return self.feed_forward(queries)
 
 
@@ -300,7 +309,7 @@ class AffordanceRefinement(nn.Module):
         blocked = torch.where(blocked.all(1, keepdim=True), seeds.far, blocked)
         queries = self.start(queries)
         for attention, feed_forward in zip(self.attentions, self.feed_forwards, strict=True):
-            queries = feed_forward(attention(queries, seeds.own, queries, seeds.places, blocked))
+            queries = feed_forward(attention(queries, seeds.own, queries, seeds.places, blocked, seeds.groups))
         return queries
 
 
@@ -316,6 +325,8 @@ class Seeds:
     """Where all of them are for each query."""
     far: Bool[Tensor, "q q"]
     """Which of them are out of a query's reach."""
+    groups: tuple[Int[Tensor, "_"], ...]
+    """Rows of the queries that lie together."""
 
 
 class QueryRefinement(nn.Module):
@@ -347,6 +358,7 @@ class QueryRefinement(nn.Module):
             own=encoding(positions, positions, bounds),
             places=encoding.places(positions, positions, bounds),
             far=self._far(positions, positions),
+            groups=tiles(positions, GROUP_SIZE) if self.config.any_extent else (torch.arange(len(rows)),),
         )
         scene = MaskScene(
             features=self.mask_head.project(finest.features),
@@ -394,14 +406,14 @@ class QueryRefinement(nn.Module):
 
     def _predict(self, index: int, queries: Tensor, seeds: Seeds, scene: MaskScene) -> StageOutput:
         mask_logits = self.mask_head(queries, scene)
-        class_logits = self.class_head(queries, mask_logits, scene)
+        class_logits = affordance_queries = None
         decoded = index in self.config.decoded_stages
-        return StageOutput(
-            queries=queries,
-            mask_logits=mask_logits,
-            class_logits=class_logits,
-            affordance_queries=self.affordance(queries, seeds, class_logits) if decoded else None,
-        )
+        if decoded or self.training:
+            class_logits = self.class_head(queries, mask_logits, scene)
+        if decoded:
+            assert class_logits is not None
+            affordance_queries = self.affordance(queries, seeds, class_logits)
+        return StageOutput(queries, mask_logits, class_logits, affordance_queries)
 
 
 def _make_zero(layer: nn.Linear) -> None:
