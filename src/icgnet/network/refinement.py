@@ -37,10 +37,16 @@ class StageOutput:
     queries: Float[Tensor, "q c"]
     mask_logits: Float[Tensor, "v q"]
     """Whether a voxel belongs to a query's instance."""
-    class_logits: Float[Tensor, "q k"] | None
+    known_classes: Float[Tensor, "q k"] | None
     """Scores of the classes; the last one is "no object". None outside of training at stages that are not decoded."""
     affordance_queries: Float[Tensor, "q c"] | None
     """The queries for the affordance decoder; None at stages that the configuration does not decode."""
+
+    @property
+    def class_logits(self) -> Float[Tensor, "q k"]:
+        """The scores of the classes at a stage that has them."""
+        assert self.known_classes is not None, "only the last stage is classed outside of training"
+        return self.known_classes
 
 
 def attention_blocks(
@@ -124,25 +130,33 @@ class SeededMaskHead(MaskHead):
         queries = self.norm(queries)
         embedded = self.embed(queries)
         of_place = scene.places.dot(embedded @ self.place.weight)
-        logits = scene.features @ embedded.t() + scene.places.of_points @ of_place.t()
-        logits = logits + ball_logits(self.ball(queries), scene)
-        return logits.masked_fill(scene.far.t(), OUT_OF_REACH)
+        of_ball = ball_weights(self.ball(queries), scene.seeds)
+        # One product for all three: what comes out is the largest thing in the network.
+        read = torch.cat([scene.features, scene.places.of_points, scene.moments[:, :BALL_MOMENTS]], 1)
+        logits = torch.addmm(read.new_ones(1), read, torch.cat([embedded, of_place, of_ball], 1).t())
+        return logits.masked_fill_(scene.far.t(), OUT_OF_REACH)
 
 
-def ball_logits(balls: Float[Tensor, "q 4"], scene: MaskScene) -> Float[Tensor, "v q"]:
-    """Logits that fall from 1 at a centre through 0 at the ball's radius: `1 - |p - c|^2 / (2 s^2)`.
+BALL_MOMENTS = 10
+"""The moments that balls are made of: 1, positions and their products."""
+
+
+def ball_weights(balls: Float[Tensor, "q 4"], seeds: Float[Tensor, "q 3"]) -> Float[Tensor, "q m"]:
+    """Factors of the moments of a voxel for a logit that falls from 1 at a centre through 0 at the ball's radius.
+
+    The logit is 1 plus the product of both: `1 - |p - c|^2 / (2 s^2)`.
 
     Args:
         balls: offset of the centre from the seed in units of 5 cm, and logarithm of the size in units of 3 cm.
-        scene: positions of voxels and seeds.
+        seeds: where the queries were seeded [m].
     """
-    centres = scene.seeds - scene.seeds.new_tensor(MOMENT_ORIGIN) + BALL_OFFSET * balls[:, :3]
+    centres = seeds - seeds.new_tensor(MOMENT_ORIGIN) + BALL_OFFSET * balls[:, :3]
     precision = (BALL_SIZE * balls[:, 3:].clamp(-1.5, 1.5).exp()) ** -2
     # |p - c|^2 = |c|^2 - 2 c p + |p|^2: one product of the moments up to the squares xx, yy and zz.
     square = centres.square().sum(1, keepdim=True)
     none, one = torch.zeros_like(square), torch.ones_like(square)
     factors = torch.cat([square, -2.0 * centres, one, none, none, one, none, one], 1)
-    return 1.0 - scene.moments[:, :10] @ (0.5 * precision * factors).t()
+    return -0.5 * precision * factors
 
 
 class ClassHead(nn.Module):
