@@ -12,8 +12,8 @@ PITCH = 0.010
 ALIGNMENT = 8
 """Grids that are laid around points begin and end at multiples of so many cells: the coarsest cells of the dense part
 then lie at the same places for all of them."""
-ROOM = 0.04
-"""How far such a grid reaches beyond the points at least [m]."""
+ROOM = 0.09
+"""How far such a grid reaches beyond the points at least [m]: one cell more than the dense part looks."""
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,10 @@
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from scipy import ndimage
 from torch import Tensor, nn
 
 from icgnet.network.batch_norm import GridBatchNorm
@@ -53,6 +55,10 @@ class DoubleConv(nn.Sequential):
         return features
 
 
+STRIDES = (4, 4, 2, 1)
+"""Of the maps that are given out."""
+COARSEST = 8
+"""The largest stride in between."""
 NEAR = 4
 """Cells are active in blocks of so many along each axis: those that hold points and those next to these."""
 
@@ -65,6 +71,29 @@ def active_cells(occupied: Float[Tensor, "b 1 x y z"], levels: int) -> list[Floa
     for _ in range(levels - 1):
         found.append(nn.functional.max_pool3d(found[-1], 2, ceil_mode=True))
     return found
+
+
+Box = tuple[slice, slice, slice]
+
+
+def _parts(active: Float[Tensor, "b 1 x y z"]) -> list[tuple[int, Float[Tensor, "_ _ _"], Box]]:
+    """Of the coarsest grid each connected part: number of its scene, its cells in the box around it, and that box."""
+    found = []
+    for scene, cells in enumerate(active[:, 0].cpu().numpy()):
+        label, _ = ndimage.label(cells, np.ones((3, 3, 3)))
+        for number, box in enumerate(ndimage.find_objects(label), start=1):
+            own = torch.from_numpy((label[box] == number).astype(np.float32)).to(active.device)
+            found.append((scene, own, box))
+    return found
+
+
+def _scaled(box: Box, factor: int) -> Box:
+    x, y, z = (slice(each.start * factor, each.stop * factor) for each in box)
+    return x, y, z
+
+
+def _empty(inputs: Float[Tensor, "b _ x y z"], channels: int, stride: int) -> Tensor:
+    return inputs.new_zeros(len(inputs), channels, *(-(-size // stride) for size in inputs.shape[2:]))
 
 
 class DenseUNet(nn.Module):
@@ -100,6 +129,16 @@ class DenseUNet(nn.Module):
             inputs: of the scenes; larger than the grid of a scene, with zeros there, where that of another is larger.
             grids: where they are.
         """
+        outputs = self._maps(inputs) if self.training or not self.near_points_only else self._maps_apart(inputs)
+        return tuple(
+            tuple(
+                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), PITCH * stride, grid.origin)
+                for output, stride in zip(outputs, STRIDES, strict=True)
+            )
+            for scene, grid in enumerate(grids)
+        )
+
+    def _maps(self, inputs: Float[Tensor, "b d x y z"]) -> list[Float[Tensor, "b _ _ _ _"]]:
         active: list[Tensor] | list[None] = [None] * len(self.encoder)
         skips, features = [], inputs.contiguous(memory_format=torch.channels_last_3d)
         if self.near_points_only:
@@ -115,14 +154,26 @@ class DenseUNet(nn.Module):
             skip = skips[-2 - index]
             features = self.decoder[index](torch.cat([_double(features, skip), skip], 1), active[-2 - index])
             outputs.append(features)
-        strides = (4, 4, 2, 1)
-        return tuple(
-            tuple(
-                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), PITCH * stride, grid.origin)
-                for output, stride in zip(outputs, strides, strict=True)
-            )
-            for scene, grid in enumerate(grids)
-        )
+        return outputs
+
+    def _maps_apart(self, inputs: Float[Tensor, "b d x y z"]) -> list[Float[Tensor, "b _ _ _ _"]]:
+        """The same, of every part of a scene that no convolution connects with the others on its own.
+
+        What it costs then goes with what is occupied, not with the extent.
+        """
+        parts = _parts(active_cells(inputs[:, :1], len(self.encoder))[-1])
+        if len(parts) == 1:
+            return self._maps(inputs)
+        outputs: list[Tensor] = []
+        for scene, cells, box in parts:
+            own = _repeat_grid(cells[None, None], COARSEST, inputs[:1, :1, *_scaled(box, COARSEST)])
+            maps = self._maps(inputs[scene : scene + 1, :, *_scaled(box, COARSEST)] * own)
+            if not outputs:
+                outputs = [_empty(inputs, values.shape[1], stride) for values, stride in zip(maps, STRIDES, strict=True)]
+            for whole, values, stride in zip(outputs, maps, STRIDES, strict=True):
+                # Boxes may overlap; each part has nothing but zeros where others are.
+                whole[scene, :, *_scaled(box, COARSEST // stride)] += values[0]
+        return outputs
 
 
 class CoarseVolume(nn.Module):
