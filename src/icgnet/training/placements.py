@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from jaxtyping import Float
 
 from icgnet.datagen.recipe import Recipe
@@ -23,9 +24,10 @@ ROOM = 0.02
 
 @dataclass(frozen=True, eq=False)
 class ObjectAssets:
-    """What a sample needs of an object, at scale 1 in the object's frame [m]."""
+    """What a sample needs of an object, at scale 1 in the object's frame [m]; `corners` are those of the box around it."""
 
     triangles: Float[np.ndarray, "t 3 3"]
+    corners: Float[np.ndarray, "c 3"]
     surface: Float[np.ndarray, "s 3"]
     distance: SignedDistanceGrid
     class_name: str
@@ -42,6 +44,10 @@ class Placement:
     def to_world(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
         """Points of the object at scale 1 in the world [m]."""
         return transform_points(self.T_world_object, points * self.scale)
+
+    def corners(self) -> Float[np.ndarray, "c 3"]:
+        """Corners of the box around the object in the world [m]; the box is turned with it."""
+        return self.to_world(self.assets.corners)
 
     def distance(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Signed distance of points [m, world frame] from the object's surface [m], below 0 inside."""
@@ -72,10 +78,21 @@ def _load_object(object_set: ObjectSet, key: str) -> ObjectAssets:
     surface = np.einsum("sc,scd->sd", weights, mesh.triangles[face])
     return ObjectAssets(
         np.asarray(mesh.triangles, np.float32),
+        trimesh.bounds.corners(mesh.bounds),
         surface.astype(np.float32),
         object_set.signed_distance(key),
         object_set.class_name(key),
     )
+
+
+def stands_in_workspace(points: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether something may stand over the floor of the workspace, by the box around it.
+
+    Args:
+        points: whose box holds all of it, workspace frame [m].
+    """
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    return bool((lower[:2] < SIZE).all() and (upper[:2] > 0.0).all())
 
 
 def occupancy_points_in_crop(
@@ -86,7 +103,9 @@ def occupancy_points_in_crop(
     They are near and around the surfaces there, each object as often as the others, and uniform in the box around them.
     """
     surfaces = [
-        transform_points(T_work_world, each.to_world(each.assets.surface.astype(np.float64))) for each in placements
+        transform_points(T_work_world, each.to_world(each.assets.surface.astype(np.float64)))
+        for each in placements
+        if stands_in_workspace(transform_points(T_work_world, each.corners()))
     ]
     surfaces = [inside for points in surfaces if len(inside := points[contains(points)])]
     count = sampling.occupancy_points
