@@ -176,9 +176,7 @@ def _add_structure(
     if points[:, 2].min() > 1e-3:
         pixels = points @ intrinsics.T
         whole = np.zeros(1, int)
-        rows, columns = (
-            _intervals(pixels[:, axis] / pixels[:, 2], whole, depth.shape[1 - axis])[0] for axis in (1, 0)
-        )
+        rows, columns = (_intervals(pixels[:, axis] / pixels[:, 2], whole, depth.shape[1 - axis])[0] for axis in (1, 0))
     in_front = planes[:, :3] @ pose[:3, 3] + planes[:, 3]
     # Exactly in a plane counts as just in front of it.
     in_front[np.abs(in_front) < 1e-9] = 1e-9

@@ -24,7 +24,7 @@ ROOM = 0.02
 
 @dataclass(frozen=True, eq=False)
 class ObjectAssets:
-    """What a sample needs of an object, at scale 1 in the object's frame [m]; `corners` are those of the box around it."""
+    """What a sample needs of an object, at scale 1 in its own frame [m]; `corners` are those of the box around it."""
 
     triangles: Float[np.ndarray, "t 3 3"]
     corners: Float[np.ndarray, "c 3"]
