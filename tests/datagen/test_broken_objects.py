@@ -237,5 +237,6 @@ def test_a_bin_that_is_too_small_for_all_objects_is_drawn_anew(tmp_path):
     recipes = read_recipes(tmp_path / "out")
     assert len(recipes) == 4
     for recipe in recipes:
+        assert recipe.surroundings.extent is not None
         lower_x, lower_y, upper_x, upper_y = recipe.surroundings.extent
         assert min(upper_x - lower_x, upper_y - lower_y) > 0.4 * 0.7 * 0.85 / 0.8

@@ -9,7 +9,9 @@ from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
 from icgnet.network.config import NETWORKS
+from icgnet.sensors.config import SensorNoise
 from icgnet.simulation.surroundings import BIN_WALL, Surroundings, block
+from icgnet.training import observation
 from icgnet.training.config import Sampling
 from icgnet.training.dataset import RecipeDataset
 from shape_scenes import HEADER, make_recipe
@@ -114,3 +116,27 @@ def test_the_same_visit_gives_the_same_crop(wide, shapes, crops):
 def test_unknown_cameras_are_refused_by_name():
     with pytest.raises(InputError, match="unknown camera 'pinhole'; the cameras are "):
         Sampling(cameras=("pinhole",))
+
+
+def test_the_picture_ends_above_the_highest_thing_and_shows_all_that_is_in_the_workspace(wide, shapes, monkeypatch):
+    exact = {name: replace(camera, noise=SensorNoise()) for name, camera in observation.CAMERAS.items()}
+    monkeypatch.setattr(observation, "CAMERAS", exact)
+    dataset = RecipeDataset(wide, {"shapes": shapes}, SAMPLING, TINY, 0)
+    pixels, clouds = {}, {}
+    for headroom in (observation.HEADROOM, 1.0):
+        monkeypatch.setattr(observation, "HEADROOM", headroom)
+        views: list[tuple[int, int]] = []
+        render = observation.SceneRenderer.render
+
+        def watched(self, intrinsics, shape, pose, views=views, render=render):
+            views.append(shape)
+            return render(self, intrinsics, shape, pose)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(observation.SceneRenderer, "render", watched)
+            clouds[headroom] = [dataset[visit].input.positions for visit in VISITS]
+        pixels[headroom] = sum(height * width for height, width in views)
+    low, high = pixels
+    assert pixels[low] < 0.95 * pixels[high]
+    for with_less, with_all in zip(clouds[low], clouds[high], strict=True):
+        torch.testing.assert_close(with_less, with_all, rtol=0, atol=1e-5)

@@ -279,9 +279,10 @@ def _beside(cloud: Float[np.ndarray, "n 3"], contacts: Float[np.ndarray, "g 3"])
     """Which points of the workspace lie in the cell of a contact or beside it; no other one is within 4 mm of any."""
     # One cell more on either side for what is beside the outermost ones.
     edge = int(np.ceil(SIZE / SEEN_DISTANCE)) + 3
-    steps = np.ravel_multi_index(np.indices((3, 3, 3)).reshape(3, -1), (edge, edge, edge))
+    x, y, z = np.indices((3, 3, 3)).reshape(3, -1) - 1
+    steps = (x * edge + y) * edge + z
     marked = np.zeros(edge**3, dtype=bool)
-    marked[_cell(contacts, edge)[:, None] + steps - steps[13]] = True
+    marked[_cell(contacts, edge)[:, None] + steps] = True
     return marked[_cell(cloud, edge)]
 
 
