@@ -9,12 +9,17 @@ import pytest
 import trimesh
 
 from icgnet.cli.main import main
+from icgnet.datagen import usable_objects
 from icgnet.datagen.config import GenerateConfig, LabelSettings
 from icgnet.datagen.generate import generate
 from icgnet.datagen.recipe import read_recipes
 from icgnet.datagen.usable_objects import NAMED
 from icgnet.errors import DataError, InputError
+from icgnet.objects.base import UnusableObjectError
+from icgnet.objects.object_set import load_object_set
+from icgnet.objects.urdf_set import UrdfObjectSet
 from icgnet.simulation import world
+from icgnet.simulation.config import WideScenes
 
 GEOMETRY = "<visual><geometry>{0}</geometry></visual><collision><geometry>{0}</geometry></collision>"
 GOOD = ("brick", "post", "tile")
@@ -178,4 +183,60 @@ def test_an_object_that_cannot_be_simulated_is_named_and_left_out_while_the_rest
     generate(tmp_path / "out", config_for(objects, scenes=6))
     names = {placed.name for recipe in read_recipes(tmp_path / "out") for placed in recipe.objects}
     assert names == {"pile/post", "pile/tile"}
-    assert "object 'pile/brick' cannot be simulated: " in caplog.text
+    assert "object 'pile/brick' cannot be used: " in caplog.text
+
+
+def test_what_breaks_only_in_a_scene_is_left_out_of_it_whoever_makes_the_scenes(broken, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(usable_objects, "check_object_set", lambda object_set, keys: [])
+    for workers in (1, 2):
+        generate(tmp_path / str(workers), config_for(broken, scenes=6, workers=workers))
+    for alone, together in zip(read_recipes(tmp_path / "1"), read_recipes(tmp_path / "2"), strict=True):
+        assert [each.name for each in alone.objects] == [each.name for each in together.objects]
+        np.testing.assert_array_equal(alone.contacts.success, together.contacts.success)
+        assert {each.name for each in alone.objects} <= {"pile/brick", "pile/post", "pile/tile"}
+    assert "object 'pile/lost' cannot be used: " in caplog.text
+    assert "; left out of scene " in caplog.text
+
+
+def test_any_failure_of_a_mesh_library_names_the_object(objects, monkeypatch):
+    def fails(self, key):
+        raise RuntimeError("qhull precision error\n(see above)")
+
+    monkeypatch.setattr(UrdfObjectSet, "_load", fails)
+    with pytest.raises(
+        UnusableObjectError, match=r"^object 'pile/brick' cannot be used: qhull precision error \(see a"
+    ):
+        load_object_set(str(objects)).model("pile/brick")
+
+
+def test_what_is_too_large_for_every_table_is_told_once_and_the_rest_goes_on(tmp_path, capsys):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    for name, edges in {"brick": (0.05, 0.06, 0.08), "beam": (0.9, 0.2, 0.2), "long": (0.35, 0.05, 0.05)}.items():
+        trimesh.creation.box(edges).export(folder / f"{name}.stl")
+    (folder / "objects.yaml").write_text("units: m\nsplits: {val: [none]}\n")
+    options = ["--objects", str(folder), "--scene", "table", "--scenes", "2", "--labels.contacts-per-object", "1"]
+    options += ["--labels.wide.objects", "3", "3"]
+    assert main(["generate", "--out", str(tmp_path / "out"), *options]) == 0
+    error = capsys.readouterr().err
+    assert error.count("never drawn") == 1
+    assert "too large or too small for any table, so never drawn for one: beam (0.9 m)\n" in error
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["never_drawn"] == {"table": {"beam": "0.9 m"}}
+    assert len(read_recipes(tmp_path / "out")) == 2
+
+
+def test_a_bin_that_is_too_small_for_all_objects_is_drawn_anew(tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    trimesh.creation.box((0.4, 0.05, 0.05)).export(folder / "plank.stl")
+    (folder / "objects.yaml").write_text("units: m\nsplits: {val: [none]}\n")
+    settings = LabelSettings(contacts_per_object=1, wide=WideScenes(objects=(1, 1)))
+    config = GenerateConfig(objects=str(folder), scene="bin", scenes=4, labels=settings)
+    generate(tmp_path / "out", config)
+    recipes = read_recipes(tmp_path / "out")
+    assert len(recipes) == 4
+    for recipe in recipes:
+        assert recipe.surroundings.extent is not None
+        lower_x, lower_y, upper_x, upper_y = recipe.surroundings.extent
+        assert min(upper_x - lower_x, upper_y - lower_y) > 0.4 * 0.7 * 0.85 / 0.8

@@ -8,6 +8,10 @@ import trimesh
 from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, look_at, pixel_rays, sphere_pose, unproject
 from icgnet.geometry.transforms import transform_points
 from icgnet.simulation.camera import NOTHING, TABLE, SceneRenderer
+from icgnet.simulation.config import WideScenes
+from icgnet.simulation.furniture import draw_bin, draw_table
+from icgnet.simulation.scene import BACKGROUND
+from icgnet.simulation.surroundings import Structure
 
 VIEW = sphere_pose(np.array([0.15, 0.15, 0.1]), 0.6, 0.7, 1.0)
 
@@ -110,3 +114,48 @@ def test_a_camera_among_the_triangles_sees_those_in_front():
 def test_the_camera_does_not_load_the_physics_engine():
     code = "import icgnet.simulation.camera, sys; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def _with_structures(structures, boxes, extent=None):
+    """Renderers of the same scene with the structures as planes and as triangles."""
+    own = np.concatenate([np.zeros((0, 3, 3)), *(mesh.triangles for mesh in boxes)])
+    owners = np.repeat(np.arange(len(boxes)), [len(mesh.triangles) for mesh in boxes])
+    around = [each.mesh().triangles for each in structures]
+    background = np.full(sum(map(len, around)), BACKGROUND)
+    return (
+        SceneRenderer(own, owners, extent=extent, structures=structures),
+        SceneRenderer(np.concatenate([own, *around]), np.append(owners, background), extent=extent),
+    )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_structures_as_planes_give_the_picture_of_their_triangles(seed):
+    rng = np.random.default_rng(seed)
+    surroundings = (draw_table, draw_bin)[seed % 2](WideScenes(), rng)
+    boxes = [_box([0.15, 0.15, 0.08]), _box([0.22, 0.1, 0.08])]
+    planes, triangles = _with_structures(surroundings.structures, boxes, surroundings.extent)
+    pose = sphere_pose(np.array([0.15, 0.15, 0.1]), 0.7, rng.uniform(0.0, 1.2), rng.uniform(0.0, 6.0))
+    intrinsics = DEFAULT_INTRINSICS * [[0.25], [0.25], [1.0]]
+    ours, theirs = (each.render(intrinsics, (120, 160), pose) for each in (planes, triangles))
+    same = ours.ids == theirs.ids
+    assert same.mean() > 0.9995
+    np.testing.assert_allclose(ours.depth[same], theirs.depth[same], atol=1e-4)
+    assert (ours.ids == BACKGROUND).sum() > 100
+    assert (ours.ids >= 0).any()
+
+
+def test_inside_of_a_structure_the_camera_sees_where_its_rays_leave_it():
+    cube = np.array(np.meshgrid((-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0))).reshape(3, 8).T
+    planes, triangles = _with_structures([Structure("room", cube)], [_box([0.15, 0.15, 0.08])])
+    ours, theirs = (each.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, VIEW) for each in (planes, triangles))
+    assert (ours.ids == theirs.ids).mean() > 0.9995
+    level = look_at(VIEW[:3, 3], VIEW[:3, 3] + [1.0, 0.0, 0.0])
+    image = planes.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, level)
+    assert image.ids[240, 320] == BACKGROUND
+    assert image.depth[240, 320] == pytest.approx(1.0 - VIEW[0, 3], abs=1e-3)
+
+
+def test_what_is_behind_the_camera_is_not_seen():
+    behind = Structure("wall", np.array(np.meshgrid((-1.0, 1.0), (-1.0, 1.0), (2.0, 2.1))).reshape(3, 8).T)
+    planes, _ = _with_structures([behind], [_box([0.15, 0.15, 0.08])])
+    assert not (planes.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, VIEW).ids == BACKGROUND).any()

@@ -37,7 +37,7 @@ def test_each_camera_gets_images_from_where_its_frames_were_taken(captures):
     assert len(camera.ours) == 2
     assert camera.real[0].distance == pytest.approx(0.8, abs=0.02)
     for ours in camera.ours:
-        assert ours.distance == pytest.approx(0.8, abs=0.08)
+        assert ours.distance == pytest.approx(0.8, abs=0.2), "a table and some floor"
         assert ours.noise is not None
         assert camera.real[0].noise is not None
         assert 0.3 < ours.noise / camera.real[0].noise < 3.0

@@ -9,7 +9,9 @@ from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
 from icgnet.network.config import NETWORKS
+from icgnet.sensors.config import SensorNoise
 from icgnet.simulation.surroundings import BIN_WALL, Surroundings, block
+from icgnet.training import observation
 from icgnet.training.config import Sampling
 from icgnet.training.dataset import RecipeDataset
 from shape_scenes import HEADER, make_recipe
@@ -33,7 +35,10 @@ def wide_recipe(scene_id, kind):
     }
     positions = np.concatenate([plain.contacts.positions, plain.contacts.positions + shift])
     owners = np.concatenate([plain.contacts.objects, plain.contacts.objects + len(moved)])
-    wall = block(BIN_WALL, (0.9, 0.01, 0.1), make_transform(np.eye(3), np.array([0.2, 0.28, TABLE_HEIGHT + 0.05])))
+    # Its top is in the middle of voxels, not between them.
+    height = 0.0985
+    at = np.array([0.2, 0.28, TABLE_HEIGHT + height / 2])
+    wall = block(BIN_WALL, (0.9, 0.01, height), make_transform(np.eye(3), at))
     around = Surroundings((-0.3, -0.2, 0.8, 0.5), (wall,))
     contacts = RecipeContacts(positions=positions, objects=owners, **two)
     return replace(plain, kind=kind, objects=(*plain.objects, *moved), contacts=contacts, surroundings=around)
@@ -114,3 +119,27 @@ def test_the_same_visit_gives_the_same_crop(wide, shapes, crops):
 def test_unknown_cameras_are_refused_by_name():
     with pytest.raises(InputError, match="unknown camera 'pinhole'; the cameras are "):
         Sampling(cameras=("pinhole",))
+
+
+def test_the_picture_ends_above_the_highest_thing_and_shows_all_that_is_in_the_workspace(wide, shapes, monkeypatch):
+    exact = {name: replace(camera, noise=SensorNoise()) for name, camera in observation.CAMERAS.items()}
+    monkeypatch.setattr(observation, "CAMERAS", exact)
+    dataset = RecipeDataset(wide, {"shapes": shapes}, SAMPLING, TINY, 0)
+    pixels, clouds = {}, {}
+    for headroom in (observation.HEADROOM, 1.0):
+        monkeypatch.setattr(observation, "HEADROOM", headroom)
+        views: list[tuple[int, int]] = []
+        render = observation.SceneRenderer.render
+
+        def watched(self, intrinsics, shape, pose, views=views, render=render):
+            views.append(shape)
+            return render(self, intrinsics, shape, pose)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(observation.SceneRenderer, "render", watched)
+            clouds[headroom] = [{tuple(each) for each in dataset[visit].input.voxels.tolist()} for visit in VISITS]
+        pixels[headroom] = sum(height * width for height, width in views)
+    low, high = pixels
+    assert pixels[low] < 0.95 * pixels[high]
+    for with_less, with_all in zip(clouds[low], clouds[high], strict=True):
+        assert len(with_less ^ with_all) <= 2, "but for roundings"

@@ -9,7 +9,7 @@ from icgnet.geometry.workspace import SIZE
 from icgnet.network.config import NETWORKS
 from icgnet.sensors.config import NOISES
 from icgnet.training.config import Sampling
-from icgnet.training.dataset import RecipeDataset, VisitBatches, nearest_and_another
+from icgnet.training.dataset import RecipeDataset, VisitBatches, is_seen, nearest_and_another
 
 CLEAN = replace(Sampling().for_validation(), noise=NOISES["clean"])
 TURNED = replace(CLEAN, turn=True, translation=0.02)
@@ -121,3 +121,16 @@ def test_a_point_is_asked_of_the_nearest_instance_and_of_another():
     assert (asked[:, 0] != asked[:, 1]).all()
     assert {tuple(pair) for pair in asked} == {(0, 1), (0, 2), (1, 0), (1, 2)}
     assert nearest_and_another(distances[:1], np.random.default_rng(0)).shape == (150, 1)
+
+
+def test_contacts_are_seen_where_a_point_is_within_4_mm():
+    rng = np.random.default_rng(0)
+    cloud = np.concatenate([rng.uniform(0.0, SIZE, (3000, 3)), rng.choice([0.0, SIZE], (20, 3))])
+    contacts = np.concatenate([rng.uniform(0.0, SIZE, (400, 3)), cloud[-20:], cloud[:400] + 0.0022])
+    contacts = np.clip(contacts, 0.0, SIZE)
+    normals = np.tile([0.0, 0.0, 1.0], (len(contacts), 1))
+    seen = is_seen(contacts, normals, cloud, np.array([0.15, 0.15, 1.0]))
+    distances = np.linalg.norm(contacts[:, None] - cloud[None], axis=2).min(axis=1)
+    np.testing.assert_array_equal(seen, distances < 0.004)
+    assert 0.1 < seen.mean() < 0.9
+    assert len(is_seen(contacts[:0], normals[:0], cloud, np.array([0.15, 0.15, 1.0]))) == 0

@@ -49,3 +49,14 @@ def test_cropped_view_keeps_every_visible_pixel_of_the_box():
         assert cropped.shape[0] * cropped.shape[1] < view.shape[0] * view.shape[1]
         shift = view.intrinsics[:2, 2] - cropped.intrinsics[:2, 2]
         np.testing.assert_allclose(whole - shift, part, atol=1e-6)
+
+
+def test_what_the_image_cannot_show_is_told_from_its_corners():
+    view = draw_view((ViewRange(1.0, (0.6, 0.6), (0.0, 0.0), (0.05, 0.05)),), 1.0, np.random.default_rng(0))
+    view = crop_view(view, np.array([0.1, 0.1, 0.05]), np.array([0.2, 0.2, 0.1]))
+    cube = np.array(np.meshgrid((-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0))).reshape(3, 8).T / 50
+    assert view.may_show(cube + [0.15, 0.15, 0.1])
+    assert view.may_show(cube + [0.21, 0.15, 0.05]), "its edge"
+    assert not view.may_show(cube + [0.28, 0.15, 0.05]), "beside the image"
+    assert not view.may_show(cube + [0.15, 0.15, 1.0]), "behind the camera"
+    assert view.may_show(cube * 60), "all around the camera"

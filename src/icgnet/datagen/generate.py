@@ -71,7 +71,7 @@ def generate(
     job = GenerateJob(config, usable.object_set, load_gripper(config.gripper))
     directory.mkdir(parents=True, exist_ok=True)
     with locked(directory):
-        prepare_folder(directory, make_manifest(job, usable.doubtful))
+        prepare_folder(directory, make_manifest(job, usable.doubtful, usable.never_drawn))
         remove_partial_files(directory)
         result = _fill(directory, job, on_progress)
         if result.scenes:

@@ -10,15 +10,16 @@ from icgnet.datagen.recipe import Recipe, RecipeContacts, RecipeObject, pack_bit
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.base import UnusableObjectError
 from icgnet.objects.kinds import WIDE_KINDS, Kind, Split
 from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.config import Physics
 from icgnet.simulation.contacts import sample_contacts
+from icgnet.simulation.layouts import NothingFitsError
 from icgnet.simulation.physics import scene_bodies
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.trials import Trials
-from icgnet.simulation.world import UnusableObjectError
 
 _LOG = logging.getLogger(__name__)
 
@@ -35,11 +36,12 @@ def label_scene(
 ) -> Recipe:
     """A random scene with labelled contacts.
 
-    Objects that the physics engine cannot take are left out, with a line in the log, and the scene is begun anew.
+    Objects that cannot be loaded, or that the physics engine cannot take, are left out, with a line in the log, and the
+    scene is begun anew.
 
     Raises:
         InputError: the object set has no objects for this kind and split, or none that stay in the workspace.
-        DataError: the files of an object are broken, or the engine cannot take one that was made here.
+        DataError: an object cannot be used that was made here.
     """
     while True:
         try:
@@ -89,9 +91,14 @@ def _physics(kind: Kind, physics: Physics) -> Physics:
 
 
 def _spawn(kind: Kind, object_set: ObjectSet, split: Split, rng: np.random.Generator, settings: LabelSettings) -> Scene:
-    for _ in range(MAX_EMPTY_SCENES):
-        physics = _physics(kind, settings.physics)
-        scene = spawn_scene(kind, object_set, split, rng, settings.object_count, physics, settings.wide)
+    physics = _physics(kind, settings.physics)
+    for number in range(1, MAX_EMPTY_SCENES + 1):
+        try:
+            scene = spawn_scene(kind, object_set, split, rng, settings.object_count, physics, settings.wide)
+        except NothingFitsError:
+            if number == MAX_EMPTY_SCENES:
+                raise
+            continue
         if scene.objects:
             return scene
     raise InputError(

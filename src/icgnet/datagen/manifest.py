@@ -14,9 +14,10 @@ from icgnet.datagen.usable_objects import first_of
 from icgnet.errors import DataError
 from icgnet.files import write_json
 from icgnet.grasping.frame import APPROACH_ANGLES
+from icgnet.objects.kinds import Kind
 from icgnet.parallel.lock import LOCK, OWNER
 
-ONLY_TOLD = {"code_version", "object_counts", "left_out", "doubtful"}
+ONLY_TOLD = {"code_version", "object_counts", "left_out", "doubtful", "never_drawn"}
 """What the manifest tells its readers, but what does not decide what the rows are, or follows from the rest."""
 
 OURS = {LOCK, OWNER}
@@ -25,12 +26,15 @@ OURS = {LOCK, OWNER}
 COMPARED_APART = {"objects", "gripper", "classes"}
 
 
-def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, object]:
+def make_manifest(
+    job: GenerateJob, doubtful: Mapping[str, str], never_drawn: Mapping[Kind, Mapping[str, str]]
+) -> dict[str, object]:
     """What decides the rows of a job, and the version of the code that makes them.
 
     Args:
         job: the job; its object set has been relieved of what cannot be used.
         doubtful: objects that are used although something about them is odd, with what that is.
+        never_drawn: objects that no table or bin is large enough for, or that are too small, with their longest side.
     """
     config = job.config
     keys = {kind: job.object_set.names(kind, config.split) for kind in config.kinds}
@@ -49,6 +53,7 @@ def make_manifest(job: GenerateJob, doubtful: Mapping[str, str]) -> dict[str, ob
         **asdict(config.labels),
         "left_out": dict(job.object_set.left_out),
         "doubtful": dict(doubtful),
+        "never_drawn": {kind: dict(sides) for kind, sides in never_drawn.items()},
         "objects": {key: job.object_set.fingerprint(key) for names in keys.values() for key in names},
     }
     # As it will be read back, so that the two can be compared.

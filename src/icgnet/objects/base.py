@@ -26,6 +26,23 @@ def cache_directory() -> Path:
     return Path(os.environ.get("ICGNET_CACHE") or Path.home() / ".cache" / "icgnet")
 
 
+class UnusableObjectError(DataError):
+    """An object cannot be loaded, or the physics engine cannot make a body of it.
+
+    Attributes:
+        name: key of the object.
+        reason: what was wrong with it.
+    """
+
+    def __init__(self, name: str, reason: str) -> None:
+        super().__init__(name, reason)
+        self.name = name
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"object {self.name!r} cannot be used: {self.reason}"
+
+
 class ObjectSet(ABC):
     """Named objects by scene kind and split; models and distance grids are loaded when asked for, and kept.
 
@@ -118,11 +135,16 @@ class ObjectSet(ABC):
 
         Raises:
             InputError: there is no such object.
-            DataError: its files are broken.
+            UnusableObjectError: its files are broken, or something that is made of them fails.
         """
         if key not in self._models:
             self.class_name(key)
-            self._models[key] = self._load(key)
+            try:
+                self._models[key] = self._load(key)
+            except UnusableObjectError as error:
+                raise UnusableObjectError(key, error.reason) from error
+            except Exception as error:  # libraries for meshes fail in many ways on a strange one
+                raise UnusableObjectError(key, " ".join(str(error).split()) or type(error).__name__) from error
         return self._models[key]
 
     def signed_distance(self, key: str) -> SignedDistanceGrid:

@@ -35,17 +35,25 @@ END_SHARE = 0.01
 MERGED = 1e-9
 """Shorter edges [m] count as this long."""
 
-CHECK_VERSION = 3
+CHECK_VERSION = 4
 """To be raised when a check or a reader changes, so that remembered reports are made anew."""
 
 
 @dataclass(frozen=True)
 class ObjectReport:
-    """The verdict on one file: "ok", "warning" (usable, but look at it) or "broken" (cannot be used)."""
+    """The verdict on one file.
+
+    Attributes:
+        name: of the object.
+        status: "ok", "warning" (usable, but look at it) or "broken" (cannot be used).
+        problems: what is odd or broken.
+        sides: lengths of the box around the object at scale 1 [m]; zeros for a broken one.
+    """
 
     name: str
     status: Literal["ok", "warning", "broken"]
     problems: tuple[str, ...]
+    sides: Scale = (0.0, 0.0, 0.0)
 
 
 def check_objects(directory: str | Path, units: Units | None = None) -> list[ObjectReport]:
@@ -123,7 +131,8 @@ def _report(name: str, path: Path, units: Units | None, scale: Scale) -> ObjectR
     except DataError as error:
         return ObjectReport(name, "broken", (str(error),))
     doubts = _doubts(surface)
-    return ObjectReport(name, "warning" if doubts else "ok", tuple(doubts))
+    along_x, along_y, along_z = surface.extents.tolist()
+    return ObjectReport(name, "warning" if doubts else "ok", tuple(doubts), (along_x, along_y, along_z))
 
 
 def _read_surface(path: Path, units: Units | None, scale: Scale) -> trimesh.Trimesh:
@@ -170,7 +179,7 @@ def _read_reports(path: Path) -> list[ObjectReport] | None:
     """Returns remembered reports; None when there are none or the file is damaged."""
     try:
         rows = json.loads(path.read_text())
-        return [ObjectReport(row["name"], row["status"], tuple(row["problems"])) for row in rows]
+        return [ObjectReport(row["name"], row["status"], tuple(row["problems"]), tuple(row["sides"])) for row in rows]
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -1,5 +1,6 @@
 """A depth camera without OpenGL: rays against visual meshes, the table as a plane, an object id for every pixel."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,7 +11,8 @@ from icgnet.geometry.camera import check_intrinsics, pixel_rays
 from icgnet.geometry.rays import ray_scene
 from icgnet.geometry.transforms import check_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.simulation.scene import NOTHING, TABLE
+from icgnet.simulation.scene import BACKGROUND, NOTHING, TABLE
+from icgnet.simulation.surroundings import Structure
 
 FAR = 2.0  # the camera measures nothing beyond this depth [m]
 
@@ -37,6 +39,7 @@ class SceneRenderer:
         owners: Int[np.ndarray, "t"],
         table_height: float | None = TABLE_HEIGHT,
         extent: tuple[float, float, float, float] | None = None,
+        structures: Sequence[Structure] = (),
     ) -> None:
         """Builds the ray-tracing structure.
 
@@ -45,10 +48,13 @@ class SceneRenderer:
             owners: object index of each triangle.
             table_height: height of the table plane [m], None for no table.
             extent: of the table, see `icgnet.simulation.surroundings.Surroundings`; None for a table without end.
+            structures: convex things that show as `BACKGROUND`. As triangles they would give the same picture; their
+                planes need no rays.
         """
         triangles = np.asarray(triangles, np.float32)
         self._owners = np.asarray(owners, np.int64)
         self._table_height, self._extent = table_height, extent
+        self._structures = [(each.corners.astype(np.float64), each.planes()) for each in structures]
         self._corners = triangles.reshape(-1, 3).astype(np.float64)
         # Where the corners of each thing begin: triangles of one owner come one after the other.
         self._starts = 3 * np.append(0, np.flatnonzero(np.diff(self._owners)) + 1)
@@ -74,6 +80,8 @@ class SceneRenderer:
         depth, ids = self._table_depth(rays @ pose[2, :3].astype(np.float32), float(pose[2, 3]))
         if self._extent is not None:
             self._cut_table(depth, ids, rays, pose)
+        for corners, planes in self._structures:
+            _add_structure(depth, ids, corners, planes, intrinsics, pose)
         window, worth = self._window(intrinsics, shape, pose)
         directions = rays[window] @ pose[:3, :3].T.astype(np.float32)
         distances, owners = self._hits(pose[:3, 3], directions[worth])
@@ -145,6 +153,49 @@ class SceneRenderer:
             depth[is_hit] = hits["tfar"][is_hit]
             ids[is_hit] = self._owners[hits["primID"][is_hit]]
         return depth, ids
+
+
+def _add_structure(
+    depth: Float[np.ndarray, "h w"],
+    ids: Int[np.ndarray, "h w"],
+    corners: Float[np.ndarray, "n 3"],
+    planes: Float[np.ndarray, "e 4"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    pose: Float[np.ndarray, "4 4"],
+) -> None:
+    """Puts a convex thing into the picture where nothing nearer is.
+
+    A ray enters it where it has passed the last of the planes that have the camera in front of them, if it has not left
+    by another one before. The inverse depth at which rays meet a plane is linear in the pixels, so that there is
+    nothing to divide by.
+    """
+    points = (corners - pose[:3, 3]) @ pose[:3, :3]
+    rows, columns = slice(0, depth.shape[0]), slice(0, depth.shape[1])
+    if points[:, 2].max() <= 1e-3:
+        return
+    if points[:, 2].min() > 1e-3:
+        pixels = points @ intrinsics.T
+        whole = np.zeros(1, int)
+        rows, columns = (_intervals(pixels[:, axis] / pixels[:, 2], whole, depth.shape[1 - axis])[0] for axis in (1, 0))
+    in_front = planes[:, :3] @ pose[:3, 3] + planes[:, 3]
+    # Exactly in a plane counts as just in front of it.
+    in_front[np.abs(in_front) < 1e-9] = 1e-9
+    slopes = planes[:, :3] @ pose[:3, :3] @ np.linalg.inv(intrinsics) / -in_front[:, None]
+    by_column = (slopes[:, 0:1] * np.arange(columns.start, columns.stop) + slopes[:, 2:]).astype(np.float32)
+    by_row = (slopes[:, 1:2] * np.arange(rows.start, rows.stop)).astype(np.float32)
+    shape = (rows.stop - rows.start, columns.stop - columns.start)
+    entered, left = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
+    for is_in_front, across, down in zip(in_front > 0, by_column, by_row, strict=True):
+        if is_in_front:
+            np.minimum(entered, across + down[:, None], out=entered)
+        else:
+            np.maximum(left, across + down[:, None], out=left)
+    # From inside, what is seen is where the ray leaves.
+    inverse = np.where(left <= entered, entered, np.float32(0.0)) if (in_front > 0).any() else left
+    near = depth[rows, columns]
+    row, column = np.nonzero(inverse > 1 / near)
+    near[row, column] = 1 / inverse[row, column]
+    ids[rows, columns][row, column] = BACKGROUND
 
 
 def _intervals(values: Float[np.ndarray, "n"], starts: Int[np.ndarray, "k"], limit: int) -> list[slice]:

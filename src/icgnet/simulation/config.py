@@ -44,6 +44,10 @@ def default_physics(kind: Kind) -> Physics:
     return Physics() if kind in CUBE_KINDS else Physics(object_mass=None)
 
 
+LARGEST_PART = 0.8
+"""Of the shorter side of a table or bin, which an object may be long."""
+
+
 @dataclass(frozen=True)
 class WideScenes:
     """Ranges from which tables and bins, and the objects on and in them, are drawn."""
@@ -79,6 +83,22 @@ class WideScenes:
                     f"{name} begins at {getattr(self, name)[0]:g} m, which is too small for objects of "
                     f"{self.longest[0]:g} m (longest)"
                 )
+
+    def takes(self, kind: Kind, sides: tuple[float, float, float]) -> bool:
+        """Whether there are a scale and a stretch at which an object may stand on the largest support.
+
+        Args:
+            kind: "table" or "bin".
+            sides: of the box around the object at scale 1 [m].
+        """
+        edge = self.table_edge[1] if kind == "table" else self.bin_edge[1]
+        longest = max(sides)
+        # A stretch changes one side only.
+        shortened = max(sorted(sides)[1], (1.0 - self.stretch) * longest)
+        largest = min(self.longest[1], LARGEST_PART * edge)
+        return (
+            self.scale[0] * shortened <= largest and self.scale[1] * (1.0 + self.stretch) * longest >= self.longest[0]
+        )
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.objects.kinds import Kind, Split
 from icgnet.objects.model import ObjectModel
 from icgnet.objects.object_set import ObjectSet
-from icgnet.simulation.config import Physics, WideScenes
+from icgnet.simulation.config import LARGEST_PART, Physics, WideScenes
 from icgnet.simulation.furniture import draw_bin, draw_table
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
@@ -59,6 +59,10 @@ SUNK = 0.003
 """What is deeper than this inside of another object in the end is taken away [m]."""
 
 
+class NothingFitsError(InputError):
+    """All objects that were drawn are too large, or too small, for a table or bin; another one may be larger."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Draw:
     """An object and how it is to come into the scene."""
@@ -99,7 +103,7 @@ def spawn_wide(
         config: ranges of what is drawn.
 
     Raises:
-        InputError: all objects that were drawn are too large for the support.
+        NothingFitsError: all objects that were drawn are too large or too small for the support.
     """
     surroundings = draw_table(config, rng) if kind == "table" else draw_bin(config, rng)
     lower_x, lower_y, upper_x, upper_y = surroundings.extent or (0.0, 0.0, 0.0, 0.0)
@@ -133,7 +137,7 @@ def _draw_objects(
     modes = list(MODES[kind])
     mixture = np.array(list(MODES[kind].values())) * rng.gamma(1.0, size=len(modes))
     mixture /= mixture.sum()
-    largest = min(config.longest[1], 0.8 * narrow)
+    largest = min(config.longest[1], LARGEST_PART * narrow)
     draws = []
     for number in range(count):
         mode: Mode = modes[rng.choice(len(modes), p=mixture)] if number else "spread"
@@ -167,7 +171,7 @@ def _draw_object(
         rotation = rotation_z(rng.uniform(0.0, 2.0 * np.pi)) if upright else random_rotation(rng)
         vertices = np.concatenate([part.vertices for part in model.parts]) * (scale * np.array(kept))
         return _Draw(name, model, scale, kept, rotation, mode, vertices)
-    raise InputError(
+    raise NothingFitsError(
         f"object set {object_set.name!r}: none of {TRIES} objects is {config.longest[0]:g} to {largest:g} m long with "
         f"a scale of {config.scale[0]:g} to {config.scale[1]:g}"
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from scipy.spatial import ConvexHull
 
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import SIZE
@@ -31,6 +32,12 @@ class Structure:
     def mesh(self) -> trimesh.Trimesh:
         """Its surface in the world [m], with outward normals."""
         return convex_hull(self.corners.astype(np.float64))
+
+    def planes(self) -> Float[np.ndarray, "e 4"]:
+        """Its sides as unit normals and offsets [m]: points x of the world with normal @ x + offset <= 0 are inside."""
+        sides = ConvexHull(self.corners.astype(np.float64)).equations
+        # Sides with more than three corners come as several triangles.
+        return sides[np.unique(sides.round(6), axis=0, return_index=True)[1]]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from icgnet.errors import DataError
 from icgnet.geometry.transforms import make_transform, matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.base import UnusableObjectError
 from icgnet.simulation.config import Physics
 from icgnet.simulation.hand import SIDES, add_hand
 from icgnet.simulation.physics import Body, add_drop_box, add_objects, new_spec
@@ -22,23 +22,6 @@ from icgnet.simulation.surroundings import ENDLESS, Surroundings
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 # The engine would write a log file into the user's folder; `World.is_unstable` tells the same.
 mujoco.set_mju_user_warning(lambda _: None)
-
-
-class UnusableObjectError(DataError):
-    """The physics engine cannot make a body of an object.
-
-    Attributes:
-        name: key of the object.
-        reason: what the engine says.
-    """
-
-    def __init__(self, name: str, reason: str) -> None:
-        super().__init__(name, reason)
-        self.name = name
-        self.reason = reason
-
-    def __str__(self) -> str:
-        return f"object {self.name!r} cannot be simulated: {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Do simulated depth images err as real ones do? The same measures of both, for each camera of which there are frames.
 
-Each simulated image is of a random scene on a table, by the same camera at the distance and tilt of a real frame.
+Each simulated image is of a random table or bin with all that stands around, by the same camera at the distance and
+tilt of a real frame.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,12 +17,12 @@ from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import DataError
 from icgnet.geometry.camera import sphere_pose
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
-from icgnet.objects.kinds import CUBE_KINDS
+from icgnet.objects.kinds import WIDE_KINDS, Kind
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.sensors.config import CAMERAS, CameraModel
 from icgnet.sensors.noise import corrupt_depth
-from icgnet.simulation.camera import SceneRenderer
-from icgnet.simulation.scene import scene_triangles
+from icgnet.simulation.camera import DepthImage, SceneRenderer
+from icgnet.simulation.scene import Scene, scene_triangles
 from icgnet.simulation.scenes import spawn_scene
 from icgnet.studies.config import SensorNoiseConfig
 from icgnet.studies.depth_measures import FrameMeasures, FrameSamples, measure_frame
@@ -29,7 +30,10 @@ from icgnet.viewer.noise_histograms import HistogramRow, draw_histograms
 
 TARGET = np.array([CENTRE[0], CENTRE[1], TABLE_HEIGHT])
 """What simulated cameras look at, world frame [m]."""
-OBJECTS = 6
+BIN_CAMERAS = ("phoxi",)
+"""Cameras that are made for bins; the others look at tables."""
+NEAREST, PLACES = 0.2, 20
+"""Where something would be nearer than this to a camera [m], it stands elsewhere, for so many places."""
 USUAL_TILT = 45.0
 """Of a camera in whose frames nothing flat is seen [degrees]."""
 
@@ -121,32 +125,58 @@ def measure(config: SensorNoiseConfig) -> SensorNumbers:
             f"{config.captures}: no frame names its camera; give in camera.json or NAME.json as 'camera' one of "
             f"{', '.join(CAMERAS)}"
         )
+    names = [name for name in CAMERAS if name in found]
+    # All cameras look at the same scenes, which take longer than their pictures.
+    kinds = {_kind(name) for name in names}
+    scenes = {kind: _draw_scenes(kind, object_set, config) for kind in WIDE_KINDS if kind in kinds}
     numbers = []
-    for name in (name for name in CAMERAS if name in found):
+    for name in names:
         frames, real, samples = zip(*found[name], strict=True)
-        ours, our_samples = zip(*simulate(CAMERAS[name], real, object_set, config), strict=True)
+        ours, our_samples = zip(
+            *simulate(CAMERAS[name], real, scenes[_kind(name)], object_set, config.seed), strict=True
+        )
         numbers.append(CameraNumbers(name, frames, real, ours, (samples, our_samples)))
     return SensorNumbers(tuple(numbers), tuple(left_out))
 
 
 def simulate(
-    camera: CameraModel, real: Sequence[FrameMeasures], object_set: ObjectSet, config: SensorNoiseConfig
+    camera: CameraModel, real: Sequence[FrameMeasures], scenes: Sequence[Scene], object_set: ObjectSet, seed: int
 ) -> list[tuple[FrameMeasures, FrameSamples]]:
-    """Measures of images by a camera from where the real frames were taken, in turn."""
-    rng = np.random.default_rng(config.seed)
+    """Measures of an image of each scene by a camera from where the real frames were taken, in turn."""
+    rng = np.random.default_rng(seed)
     result = []
-    for number in range(config.images):
+    for number, scene in enumerate(scenes):
         frame = real[number % len(real)]
-        scene = spawn_scene(CUBE_KINDS[number % 2], object_set, config.split, rng, OBJECTS)
-        tilt = np.deg2rad(USUAL_TILT if frame.tilt is None else frame.tilt)
-        pose = sphere_pose(TARGET, frame.distance, float(tilt), rng.uniform(0, 2 * np.pi))
-        image = SceneRenderer(*scene_triangles(scene, object_set)).render(camera.intrinsics, camera.shape, pose)
+        image = _look(camera, frame, scene, object_set, rng)
         depth = corrupt_depth(image, camera.intrinsics, camera.noise, rng).depth.astype(np.float64)
         # As whoever took the frames made them smaller, if they did.
         intrinsics = camera.intrinsics
         intrinsics[:2] /= frame.smaller
         result.append(measure_frame(depth[:: frame.smaller, :: frame.smaller], intrinsics, camera.focal))
     return result
+
+
+def _kind(camera: str) -> Kind:
+    return "bin" if camera in BIN_CAMERAS else "table"
+
+
+def _draw_scenes(kind: Kind, object_set: ObjectSet, config: SensorNoiseConfig) -> list[Scene]:
+    rng = np.random.default_rng(config.seed)
+    return [spawn_scene(kind, object_set, config.split, rng) for _ in range(config.images)]
+
+
+def _look(
+    camera: CameraModel, frame: FrameMeasures, scene: Scene, object_set: ObjectSet, rng: np.random.Generator
+) -> DepthImage:
+    """A picture of a scene without errors, from the distance and tilt of a real frame."""
+    tilt = np.deg2rad(USUAL_TILT if frame.tilt is None else frame.tilt)
+    renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
+    places = [sphere_pose(TARGET, frame.distance, float(tilt), yaw) for yaw in rng.uniform(0, 2 * np.pi, PLACES)]
+    for pose in places[:-1]:
+        image = renderer.render(camera.intrinsics, camera.shape, pose)
+        if not ((image.depth > 0) & (image.depth < NEAREST)).any():
+            return image
+    return renderer.render(camera.intrinsics, camera.shape, places[-1])
 
 
 def tables(numbers: SensorNumbers) -> list[Table]:

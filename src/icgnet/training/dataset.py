@@ -19,7 +19,7 @@ from icgnet.datagen.recipe import LabelHeader, Recipe, read_label_header, read_r
 from icgnet.errors import DataError
 from icgnet.geometry.transforms import make_transform, transform_points, transform_vectors, yaw_about
 from icgnet.geometry.visibility import visibility_grid
-from icgnet.geometry.workspace import CENTRE, contains
+from icgnet.geometry.workspace import CENTRE, SIZE, contains
 from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.network.hand_input import HandInput
 from icgnet.network.inputs import make_scene_input
@@ -269,11 +269,29 @@ def is_seen(
     viewpoint: Float[np.ndarray, "3"],
 ) -> Bool[np.ndarray, "g"]:
     """Which contacts face the camera and have a point of the cloud within 4 mm."""
-    distance, _ = KDTree(cloud, balanced_tree=False, compact_nodes=False).query(
+    near = cloud[_beside(cloud, contacts)]
+    distance, _ = KDTree(near, balanced_tree=False, compact_nodes=False).query(
         contacts, distance_upper_bound=SEEN_DISTANCE
     )
     facing = np.einsum("gd,gd->g", normals, viewpoint - contacts) > 0
     return np.isfinite(distance) & facing
+
+
+def _beside(cloud: Float[np.ndarray, "n 3"], contacts: Float[np.ndarray, "g 3"]) -> Bool[np.ndarray, "n"]:
+    """Which points of the workspace lie in the cell of a contact or beside it; no other one is within 4 mm of any."""
+    # One cell more on either side for what is beside the outermost ones.
+    edge = int(np.ceil(SIZE / SEEN_DISTANCE)) + 3
+    x, y, z = np.indices((3, 3, 3)).reshape(3, -1) - 1
+    steps = (x * edge + y) * edge + z
+    marked = np.zeros(edge**3, dtype=bool)
+    marked[_cell(contacts, edge)[:, None] + steps] = True
+    return marked[_cell(cloud, edge)]
+
+
+def _cell(points: Float[np.ndarray, "n 3"], edge: int) -> Int[np.ndarray, "n"]:
+    """Number of the cell of 4 mm that each point of the workspace lies in, in a grid with `edge` cells each way."""
+    x, y, z = (points / SEEN_DISTANCE).astype(np.int64).T + 1
+    return (x * edge + y) * edge + z
 
 
 @lru_cache(maxsize=4)

@@ -5,17 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import TRUNCATION_VOXELS, fuse
 from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT, TABLE_MARGIN, above_table
 from icgnet.sensors.config import CAMERAS, SensorNoise
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import DepthImage, SceneRenderer
-from icgnet.simulation.scene import BACKGROUND
 from icgnet.simulation.surroundings import Surroundings
 from icgnet.training.config import Sampling, ViewRange
-from icgnet.training.placements import Placement
+from icgnet.training.placements import Placement, stands_in_workspace
 from icgnet.training.sample import NOTHING
 from icgnet.training.views import CameraView, crop_view, draw_pose, draw_view
 
@@ -28,6 +26,10 @@ NEAREST = 0.2
 """What is nearer to the camera, because it stands in front of or inside something, is not measured [m]."""
 FINEST = 0.0009
 """Distance of neighbouring points below which cameras average pixels, as users of cameras at arm's length do [m]."""
+ROUNDINGS = 1e-4
+"""Single precision puts no point farther off than this [m]."""
+HEADROOM = 0.02
+"""Errors of sensors lift no point higher than this above the highest thing [m]."""
 NEARBY = 0.45
 """Objects of wide scenes farther than this from the middle of a picture are not in it and hide nothing [m]."""
 
@@ -107,24 +109,43 @@ def take_crop(
     camera = CAMERAS[sampling.cameras[rng.integers(len(sampling.cameras))]]
     fused = rng.random() < sampling.tsdf
     view = _binned(CameraView(draw_pose(views, middle, rng), camera.intrinsics, camera.shape), middle)
+    near = {
+        index: each
+        for index, each in enumerate(placements)
+        if np.linalg.norm(each.T_world_object[:2, 3] - middle) < NEARBY
+    }
+    # The table's edge and the floor are cut off with the table.
+    standing = [each for each in surroundings.structures if each.corners[:, 2].max() > TABLE_HEIGHT]
     in_work = replace(view, T_world_camera=T_work_world @ view.T_world_camera)
-    cropped = crop_view(in_work, np.array([0.0, 0.0, TABLE_HEIGHT]), np.full(3, SIZE))
+    everything = [each.corners() for each in near.values()] + [each.corners for each in standing]
+    upper = np.array([SIZE, SIZE, _top(everything, T_work_world)])
+    cropped = crop_view(in_work, np.array([0.0, 0.0, TABLE_HEIGHT]), upper)
     view = replace(cropped, T_world_camera=view.T_world_camera)
-    triangles, owners = [], []
-    for index, each in enumerate(placements):
-        if np.linalg.norm(each.T_world_object[:2, 3] - middle) < NEARBY:
-            triangles.append(each.to_world(each.assets.triangles))
-            owners.append(np.full(len(triangles[-1]), index))
-    for structure in surroundings.structures:
-        if structure.corners[:, 2].max() <= TABLE_HEIGHT:
-            continue  # the table's edge and the floor, which are cut off with the table
-        triangles.append(structure.mesh().triangles)
-        owners.append(np.full(len(triangles[-1]), BACKGROUND))
-    renderer = SceneRenderer(np.concatenate(triangles), np.concatenate(owners), extent=surroundings.extent)
+    triangles = {
+        index: each.to_world(each.assets.triangles) for index, each in near.items() if view.may_show(each.corners())
+    }
+    renderer = SceneRenderer(
+        np.concatenate([np.zeros((0, 3, 3)), *triangles.values()]),
+        np.repeat(np.array(list(triangles), int), [len(each) for each in triangles.values()]),
+        extent=surroundings.extent,
+        structures=[each for each in standing if view.may_show(each.corners)],
+    )
     image = renderer.render(view.intrinsics, view.shape, view.T_world_camera)
     too_near = image.depth < NEAREST
     image = DepthImage(np.where(too_near, np.float32(0.0), image.depth), np.where(too_near, NOTHING, image.ids))
     return Exposure(image, view, fused, camera.noise)
+
+
+def _top(things: list[Float[np.ndarray, "_ 3"]], T_work_world: Float[np.ndarray, "4 4"]) -> float:
+    """Height [m] above which nothing is in the workspace, whatever the sensor's errors are.
+
+    Args:
+        things: points around each thing, world frame [m].
+        T_work_world: where in the world the workspace is.
+    """
+    in_work = [transform_points(T_work_world, points) for points in things]
+    tops = [float(points[:, 2].max()) for points in in_work if stands_in_workspace(points)]
+    return min(max(tops, default=TABLE_HEIGHT) + HEADROOM, SIZE)
 
 
 def _binned(view: CameraView, middle: Float[np.ndarray, "2"]) -> CameraView:
@@ -145,19 +166,30 @@ def sense(picture: Exposure, noise: SensorNoise, table_height: float, rng: np.ra
     """The same for a certain sensor, and a table that is removed at a certain height [m]."""
     view, noise = picture.view, noise.pick(rng)
     image = corrupt_depth(picture.image, view.intrinsics, noise, rng)
-    points, owners = _fused_points(image, view, table_height) if picture.fused else _pixel_points(image, view)
+    find_points = _fused_points if picture.fused else _pixel_points
+    points, owners = find_points(image, view, table_height)
+    points, index = corrupt_points(points, noise, rng)
+    return SensedCloud(points, owners[index], view.T_world_camera[:3, 3])
+
+
+def _pixel_points(
+    image: DepthImage, view: CameraView, table_height: float
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+    """Points of the measured pixels [m] above the table, and the object of each."""
+    (fx, skew, cx), (_, fy, cy), _ = view.intrinsics
+    # Most pixels show the table: their heights alone, a little too low for the roundings, tell which ones do not.
+    by_column, by_row, constant = view.T_world_camera[2, :3] @ np.linalg.inv(view.intrinsics)
+    height, width = image.depth.shape
+    along_row = (by_column * np.arange(width) + constant).astype(np.float32)
+    slopes = along_row + (by_row * np.arange(height)).astype(np.float32)[:, None]
+    lowest = np.float32(table_height + TABLE_MARGIN - ROUNDINGS - view.T_world_camera[2, 3])
+    row, column = np.nonzero((image.depth > 0) & (image.depth * slopes > lowest))
+    depth = image.depth[row, column].astype(np.float64)
+    y = (row - cy) / fy
+    in_camera = np.stack([(column - cx - skew * y) / fx * depth, y * depth, depth], axis=1)
+    points, owners = transform_points(view.T_world_camera, in_camera), np.asarray(image.ids, np.int64)[row, column]
     standing = above_table(points, table_height)
-    points, index = corrupt_points(points[standing], noise, rng)
-    return SensedCloud(points, owners[standing][index], view.T_world_camera[:3, 3])
-
-
-def _pixel_points(image: DepthImage, view: CameraView) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
-    """Points of the measured pixels [m], and the object of each."""
-    measured = image.depth > 0
-    if not measured.any():
-        return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-    points = unproject(image.depth, view.intrinsics)[measured]
-    return transform_points(view.T_world_camera, points), np.asarray(image.ids, np.int64)[measured]
+    return points[standing], owners[standing]
 
 
 def _fused_points(

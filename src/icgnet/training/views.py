@@ -10,6 +10,9 @@ from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import CENTRE
 from icgnet.training.config import ViewRange
 
+NEAREST = 0.05
+"""What reaches nearer to the camera's plane than this may be anywhere in the image, or beside it [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
@@ -18,6 +21,15 @@ class CameraView:
     T_world_camera: Float[np.ndarray, "4 4"]
     intrinsics: Float[np.ndarray, "3 3"]
     shape: tuple[int, int]
+
+    def may_show(self, corners: Float[np.ndarray, "n 3"]) -> bool:
+        """Whether the image may show a part of the convex hull of some points [m, world frame]."""
+        in_camera = transform_points(invert_transform(self.T_world_camera), corners)
+        if in_camera[:, 2].min() < NEAREST:
+            return bool(in_camera[:, 2].max() >= NEAREST)
+        pixels = (in_camera @ self.intrinsics.T)[:, :2] / in_camera[:, 2:]
+        limit = np.array([self.shape[1], self.shape[0]])
+        return bool((pixels.min(axis=0) < limit).all() and (pixels.max(axis=0) > -1.0).all())
 
 
 def draw_view(ranges: tuple[ViewRange, ...], resolution: float, rng: np.random.Generator) -> CameraView:
@@ -56,7 +68,7 @@ def crop_view(view: CameraView, lower: Float[np.ndarray, "3"], upper: Float[np.n
     """
     corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, 8).T
     in_camera = transform_points(invert_transform(view.T_world_camera), corners)
-    if in_camera[:, 2].min() < 0.05:
+    if in_camera[:, 2].min() < NEAREST:
         return view
     pixels = (in_camera @ view.intrinsics.T)[:, :2] / in_camera[:, 2:]
     limit = np.array([view.shape[1], view.shape[0]])
