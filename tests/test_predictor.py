@@ -240,15 +240,27 @@ def knowing(predictor: Predictor, **changes) -> IcgNet:
     return network
 
 
-def test_a_hand_that_the_weights_do_not_know_is_refused_in_one_line(predictor, tmp_path):
-    save_weights(tmp_path / "tiny.safetensors", predictor.network, {})
+def test_a_hand_that_published_weights_do_not_know_is_refused_in_one_line(predictor, tmp_path):
     wide = predictor.gripper.to_dict() | {"name": "wide", "max_opening": 0.1}
     (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide))
+    network = IcgNet(replace(predictor.network.config, affordance="contact"))
+    save_weights(tmp_path / "one_hand.safetensors", network, {})
     message = r"hand 'wide', but the weights know only 'franka' \('wide' has max_opening 0.1 instead of 0.08\)"
     with pytest.raises(InputError, match=message):
-        Predictor.load(tmp_path / "tiny.safetensors", gripper=tmp_path / "wide.yaml")
+        Predictor.load(tmp_path / "one_hand.safetensors", gripper=tmp_path / "wide.yaml")
     with pytest.raises(InputError, match=message):
-        Predictor(predictor.network, load_gripper(tmp_path / "wide.yaml"))
+        Predictor(network, load_gripper(tmp_path / "wide.yaml"))
+
+
+def test_any_hand_is_taken_and_one_unlike_all_others_is_warned_of(predictor, depth):
+    usual = Predictor(predictor.network, load_gripper("robotiq_2f_140")).predict_depth(depth, INTRINSICS)
+    assert usual.gripper.name == "robotiq_2f_140"
+    assert not any("hand" in warning for warning in usual.warnings)
+    huge = replace(predictor.gripper, name="huge", max_opening=0.2)
+    (warning,) = Predictor(predictor.network, huge).predict_depth(depth, INTRINSICS).warnings
+    assert warning == (
+        "the hand 'huge' is outside of what the network has learned from: opening 200 mm, not 40 to 150 mm"
+    )
 
 
 def test_the_hand_of_the_weights_is_the_default_and_may_be_mounted_otherwise(predictor, tmp_path):
@@ -535,27 +547,24 @@ def test_a_region_is_made_of_numbers(in_camera):
             in_camera.in_region(corner, np.ones(3))
 
 
-def test_of_too_many_objects_and_windows_the_largest_are_looked_at_and_the_rest_is_counted(
-    predictor, wide, monkeypatch
-):
-    assert wide.left_out["windows"] == wide.left_out["objects"] == 0
+def test_of_too_many_objects_and_points_some_are_looked_at_and_the_rest_is_counted(predictor, wide, monkeypatch):
+    assert wide.left_out["points"] == wide.left_out["objects"] == 0
     monkeypatch.setattr("icgnet.predictor.MOST_OBJECTS", 1)
-    monkeypatch.setattr("icgnet.inference.instances.MOST_VOXELS", 1)
+    monkeypatch.setattr("icgnet.inference.instances.MOST_POINTS", 400)
     pose = camera_pose(0.75)
     bounded = predictor.predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
     assert len(bounded.objects) == 1
-    assert bounded.left_out["windows"] > 0
+    assert bounded.left_out["points"] > 0
     assert bounded.to_dict()["left_out"] == bounded.left_out
 
 
-def test_a_budget_leaves_windows_and_checks_out_and_says_so(predictor, wide):
+def test_a_budget_leaves_checks_out_and_says_so(predictor, wide):
     pose = camera_pose(0.75)
     hasty = predictor.with_search(budget_ms=1.0).predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
-    assert hasty.left_out["windows"] > 0
-    assert len(hasty.objects) >= 1
-    assert len(hasty.objects) <= len(wide.objects)
+    assert hasty.rejected["unchecked"] > wide.rejected["unchecked"]
+    assert len(hasty.objects) == len(wide.objects)
     generous = predictor.with_search(budget_ms=1e6).predict_depth(depth_image(WIDE_ROW, pose), INTRINSICS, pose)
-    assert generous.left_out["windows"] == 0
+    assert generous.rejected == wide.rejected
 
 
 def test_the_result_names_the_plane_that_was_taken_for_the_table(in_camera, in_world, tmp_path):

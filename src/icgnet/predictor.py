@@ -53,8 +53,8 @@ class Predictor:
 
     Args:
         network: the network, in evaluation mode.
-        gripper: the hand that grasps are wanted for: the one that the network knows, perhaps mounted otherwise. None
-            is the network's own.
+        gripper: the hand that grasps are wanted for; a network of the published kind knows only one. None is the hand of
+            most of the network's labels.
         search: how grasps are looked for.
         seed: of everything that is drawn; the same input then gives the same result.
         precision: in how many bits the U-Nets compute. The default gives the same results on every processor; auto
@@ -98,8 +98,8 @@ class Predictor:
         Args:
             weights: a safetensors file that training wrote; the shipped one if None.
             threads: CPU threads of the network, for the whole process; as many as torch takes if None.
-            gripper: name of a gripper that ships with the package, or a gripper file: the hand that the weights know,
-                perhaps mounted otherwise. None is the weights' own.
+            gripper: name of a gripper that ships with the package, or a gripper file: the hand that grasps are wanted
+                for. None is the hand of most of the labels that the weights come from.
             seed: of everything that is drawn.
             search: how grasps are looked for.
             precision: see `Predictor`.
@@ -257,7 +257,7 @@ class Predictor:
             input_shape=input_shape,
             left_out=left_out,
             supports=() if tabletop.support is None else _support_planes(tabletop.support),
-            warnings=tabletop.warnings,
+            warnings=(*tabletop.warnings, *self.network.config.doubts(self.gripper)),
         )
         clock.lap("select")
         return result

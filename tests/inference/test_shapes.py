@@ -15,25 +15,23 @@ from icgnet.grasping.selection import ranked
 from icgnet.inference.budget import Budget
 from icgnet.inference.candidates import GraspContacts, keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import GraspSearch
-from icgnet.inference.instances import Instance, encode_windows
-from icgnet.inference.looks import SceneObject
+from icgnet.inference.instances import Instance, encode
 from icgnet.inference.shapes import Shape, scene_occupancy
 from icgnet.inference.tabletop import Tabletop
-from icgnet.inference.windows import Window
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.predictor import Predictor, _Clock, _Object
+from icgnet.predictor import Predictor, _Clock
 
+ORIGIN = np.array([0.4, -0.2, 0.0])
 CENTRES = np.array([[0.15, 0.15, 0.09], [0.22, 0.15, 0.09]])
 RADIUS = 0.03
-ORIGIN = np.array([0.4, -0.2, 0.0])
 
 
 class BallNetwork(IcgNet):
-    """Query k is the ball k, wherever the window is; logits are metric."""
+    """Query k is the ball k; logits are metric."""
 
     def decode_occupancy(self, embedding, queries, points, stage=-1):
-        centres = torch.from_numpy(CENTRES).float()[queries]
+        centres = torch.from_numpy(ORIGIN + CENTRES).float()[queries]
         return 200.0 * (RADIUS - torch.cdist(centres, points))
 
 
@@ -53,13 +51,13 @@ def tabletop() -> Tabletop:
 
 @pytest.fixture(scope="module")
 def shapes(tabletop) -> list[Shape]:
-    """Both balls, seen in a window away from the origin."""
+    """Both balls, away from the origin."""
     torch.manual_seed(0)
     network = BallNetwork(NETWORKS["tiny"]).eval()
     points = tabletop.cloud.points
-    (view,) = encode_windows(network, tabletop, [Window(ORIGIN[:2])])
+    scene, _ = encode(network, tabletop)
     rows = np.array_split(np.arange(len(points)), 2)
-    return [Shape.around(network, Instance(view, k, 1.0, "ball", 1.0, rows[k]), points[rows[k]]) for k in range(2)]
+    return [Shape.around(network, Instance(scene, k, 1.0, "ball", 1.0, rows[k]), points[rows[k]]) for k in range(2)]
 
 
 def test_the_mesh_is_the_whole_ball_in_the_table_frame(shapes):
@@ -168,7 +166,7 @@ def from_above(ball: int, direction: np.ndarray) -> Grasps:
 
 
 def check(grasps: Grasps, shapes: list[Shape], tabletop: Tabletop) -> tuple[Grasps, dict[str, int]]:
-    return keep_free(grasps, [shapes[:1], shapes[1:]], tabletop, load_gripper(), GraspSearch())
+    return keep_free(grasps, shapes, 2, tabletop, load_gripper(), GraspSearch())
 
 
 def test_a_grasp_across_two_balls_in_a_row_is_free(shapes, tabletop):
@@ -194,7 +192,7 @@ def test_a_grasp_through_the_table_is_rejected(shapes, tabletop):
 def test_checking_stops_when_every_object_has_enough_and_the_rest_is_counted(shapes, tabletop):
     free_one = from_above(0, np.array([0.0, -1.0, 0.0]))
     many = Grasps.concatenate([free_one] * 120)
-    kept, rejected = keep_free(many, [shapes[:1], shapes[1:]], tabletop, load_gripper(), GraspSearch(per_object=4))
+    kept, rejected = keep_free(many, shapes, 2, tabletop, load_gripper(), GraspSearch(per_object=4))
     assert len(kept) == 48, "one batch"
     assert rejected["unchecked"] == 72
 
@@ -206,15 +204,13 @@ def test_unseen_sides_are_tried_only_when_the_seen_ones_give_too_few_good_grasps
     few = 5 if resampled else 0
     search = GraspSearch(contacts=48, max_checked=48, min_score=0.0, most=5, few=few, good_score=good_score)
     rejected = search_for(shapes, tabletop, search)
-    assert (rejected["unchecked"] > 48 * 12) == resampled
+    assert (rejected["unchecked"] > 64 * 12) == resampled
 
 
 def search_for(shapes: list[Shape], tabletop: Tabletop, search: GraspSearch) -> dict[str, int]:
     """How many candidates a search drops, by reason; each ball is an object."""
-    found = [SceneObject(shape.instance.rows, (shape.instance,), (shape.instance,)) for shape in shapes]
-    objects = [_Object(item, [shape], [shape]) for item, shape in zip(found, shapes, strict=True)]
     predictor = Predictor(shapes[0].network, load_gripper(), search)
-    return predictor._search(tabletop, objects, np.random.default_rng(0), _Clock(), Budget())[1]
+    return predictor._search(tabletop, [[shape] for shape in shapes], np.random.default_rng(0), _Clock(), Budget())[1]
 
 
 @pytest.mark.parametrize(("min_score", "resampled"), [(0.0, False), (1.0, True)])
@@ -234,20 +230,10 @@ def test_unseen_sides_are_tried_of_every_object_that_has_no_grasp(shapes, tablet
     assert asked == ([0, 1] if resampled else [])
 
 
-def test_a_shape_in_a_window_of_half_the_scale_is_twice_as_large(tabletop, shapes):
-    network, window = shapes[0].network, Window(np.array([0.1, -0.5]), 0.5)
-    (view,) = encode_windows(network, tabletop, [window])
-    middle = window.origin + CENTRES[0] / window.scale
-    seen = middle + 2 * (half_ball(CENTRES[0]) - CENTRES[0])
-    shape = Shape.around(network, Instance(view, 0, 1.0, "ball", 1.0, np.arange(len(seen))), seen)
-    np.testing.assert_allclose(shape.mesh.bounds, middle + 2 * RADIUS * np.array([[-1.0], [1.0]]), atol=0.004)
-    assert shape.occupancy(np.array([middle, middle + [0.0, 2.4 * RADIUS, 0.0]])).round().tolist() == [1.0, 0.0]
-
-
 def test_no_more_candidates_are_checked_than_asked_for(shapes, tabletop):
     many = Grasps.concatenate([from_above(0, np.array([0.0, -1.0, 0.0]))] * 120)
     kept, rejected = keep_free(
-        many, [shapes[:1], shapes[1:]], tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70)
+        many, shapes, 2, tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70)
     )
     assert len(kept) == 70
     assert rejected["unchecked"] == 50
@@ -267,5 +253,5 @@ def test_the_highest_free_grasp_is_found_below_as_many_others_as_there_are(shape
     grasps = replace(grasps, poses=poses, scores=scores)
     for rule, first in (("best", 0), ("highest", many - 1)):
         search = GraspSearch(per_object=4, most=4, select=rule)
-        free, _ = keep_free(ranked(grasps, rule), [shapes[:1], shapes[1:]], tabletop, load_gripper(), search)
+        free, _ = keep_free(ranked(grasps, rule), shapes, 2, tabletop, load_gripper(), search)
         assert free.scores[0] == scores[first]

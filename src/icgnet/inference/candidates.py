@@ -74,7 +74,7 @@ def seen_contacts(
         budget: contacts for all objects together, shared evenly; each gets `FEWEST_CONTACTS` at least.
         rng: draws the contacts.
     """
-    parts, share = [], max(FEWEST_CONTACTS, budget // max(1, len(instances)))
+    parts, share = [], _share(budget, len(instances))
     for number, instance in enumerate(instances):
         points, _ = voxel_downsample(tabletop.cloud.points[instance.rows], CONTACT_VOXEL)
         # Normals only for points that have a chance, but from all neighbours.
@@ -93,7 +93,7 @@ def surface_contacts(
     surface, instead of being moved onto it by gradient descent from the seen points.
     """
     none = GraspContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
-    parts, share = [none], max(FEWEST_CONTACTS, budget // max(1, len(chosen)))
+    parts, share = [none], _share(budget, len(chosen))
     for number in chosen.tolist():
         shape = shapes[number]
         if len(shape.mesh.faces) == 0:
@@ -104,6 +104,11 @@ def surface_contacts(
         contacts = GraspContacts(points[usable], normals[usable], np.full(usable.sum(), number))
         parts.append(_draw(contacts, share, rng))
     return GraspContacts.concatenate(parts)
+
+
+def _share(budget: int, objects: int) -> int:
+    """Contacts of each object."""
+    return max(budget // max(1, objects), min(budget, FEWEST_CONTACTS))
 
 
 def _draw(contacts: GraspContacts, count: int, rng: np.random.Generator) -> GraspContacts:

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from icgnet.errors import InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.grasping.hand_family import HandFamily, outside
 from icgnet.objects.classes import CLASSES, check_class_list
 from icgnet.settings import check_choices, check_range, read_settings
 
@@ -143,6 +144,8 @@ class NetworkConfig:
     affordance: Literal["contact", "hand"] = "hand"
     """Affordance read at the contact, 12 logits at once (published), or at points of the hand, angle by angle."""
     hand: HandConfig = HandConfig()
+    family: HandFamily = HandFamily()
+    """The hands that a network for any of them has learned from."""
 
     def __post_init__(self) -> None:
         check_choices(self)
@@ -228,6 +231,13 @@ class NetworkConfig:
         phrases = self.gripper.differences(stored.gripper)
         hands = [f"its hand is {stored.gripper.name!r}, wanted {self.gripper.name!r} with {', '.join(phrases)}"]
         return hands * bool(phrases) + changes
+
+    def doubts(self, gripper: Gripper) -> tuple[str, ...]:
+        """What speaks against scores for a hand, one sentence each: that it is unlike all that was learned from."""
+        found = outside(self.family, gripper) if self.any_hand else []
+        if not found:
+            return ()
+        return (f"the hand {gripper.name!r} is outside of what the network has learned from: {'; '.join(found)}",)
 
     def check_hand(self, gripper: Gripper, whose: str) -> None:
         """Makes sure that a hand is the one that the network knows, if it knows only one; name and base may differ.

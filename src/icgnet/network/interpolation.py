@@ -68,8 +68,8 @@ class Interpolation(nn.Module):
 
 
 def placed(
-    features: Float[Tensor, "*p f"], encoded: Float[Tensor, "*q c"], origin: Float[Tensor, "*o 3"] | None = None
-) -> Float[Tensor, "*q d"]:
+    features: Float[Tensor, "*p f"], encoded: Float[Tensor, "*r c"], origin: Float[Tensor, "*o 3"] | None = None
+) -> Float[Tensor, "*r d"]:
     """Features of points where they are; width + 3 channels.
 
     As in the published network the features are added to the positional encoding (all but its first three channels)

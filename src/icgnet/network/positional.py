@@ -65,7 +65,7 @@ class FourierEncoding(nn.Module):
 
     def forward(
         self, points: Float[Tensor, "*p 3"], seeds: Float[Tensor, "*s 3"], bounds: Bounds
-    ) -> Float[Tensor, "*p c"]:
+    ) -> Float[Tensor, "*r c"]:
         """Encoding of points [m] for queries that were seeded there [m], which broadcast; `query_width` channels."""
         normalised = (points - bounds.origin) / bounds.extent - self._shifts(seeds, bounds)
         phase = 2.0 * math.pi * normalised @ self.frequencies
