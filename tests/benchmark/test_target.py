@@ -158,12 +158,12 @@ def test_attempts_are_counted_by_occlusion():
         replace(row, occlusion=0.89, success=False, cause="wrong object"),
     ]
     numbers = summarise(rows, scenes=7, not_holdable=2)
-    assert [group.targets for group in numbers.bins] == [1, 1, 0, 0, 0, 1, 0, 0, 1]
-    assert [(group.targets, group.successes) for group in numbers.groups] == [(2, 1), (2, 1), (4, 2)]
-    assert numbers.groups[2].failures == {NOTHING_FOUND: 1, "wrong object": 1}
-    assert numbers.bins[2].rate is None
-    assert numbers.groups[2].rate is not None
-    assert numbers.groups[2].rate.low == pytest.approx(15.0, abs=0.1), "Wilson's of two in four"
+    assert [group.targets for group in numbers.bins.values()] == [1, 1, 0, 0, 0, 1, 0, 0, 1]
+    assert [(group.targets, group.successes) for group in numbers.groups.values()] == [(2, 1), (2, 1), (4, 2)]
+    assert numbers.groups["all"].failures == {NOTHING_FOUND: 1, "wrong object": 1}
+    assert numbers.bins["0.2 to 0.3"].rate is None
+    assert numbers.groups["all"].rate is not None
+    assert numbers.groups["all"].rate.low == pytest.approx(15.0, abs=0.1), "Wilson's of two in four"
     (table,) = target.tables(numbers)
     assert table.notes[0].startswith("7 scenes; 2 objects left out")
     assert len(table.rows) == 12
@@ -189,8 +189,8 @@ def test_every_scene_has_its_targets_if_the_hand_could_hold_them(holdable, monke
     monkeypatch.setattr(target, "is_holdable", lambda *given: holdable)
     numbers = measure(CONFIG)
     assert numbers.scenes == 3
-    assert (numbers.bins[0].targets, numbers.groups[2].targets) == (3 * holdable, 3 * holdable)
-    assert numbers.groups[2].failures == ({NOTHING_FOUND: 3} if holdable else {})
+    assert (numbers.bins["0 to 0.1"].targets, numbers.groups["all"].targets) == (3 * holdable, 3 * holdable)
+    assert numbers.groups["all"].failures == ({NOTHING_FOUND: 3} if holdable else {})
     assert numbers.not_holdable == (0 if holdable else 6)
 
 

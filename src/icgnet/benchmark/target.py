@@ -26,7 +26,7 @@ from icgnet.benchmark.rounds import (
     random_stream,
     round_scene,
 )
-from icgnet.benchmark.statistics import Spread, cell, success_rate
+from icgnet.benchmark.statistics import Spread, causes_told, cell, success_rate
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper, load_gripper
@@ -71,14 +71,12 @@ class Group:
     """Attempts that are counted together.
 
     Attributes:
-        occlusion: which.
         targets: attempts.
         successes: of them.
         rate: successes by attempts in percent with Wilson's 95 % interval; None without attempts.
         failures: number of failed attempts by cause; "nothing found" is one.
     """
 
-    occlusion: str
     targets: int
     successes: int
     rate: Spread | None
@@ -90,7 +88,7 @@ class TargetNumbers:
     """The result of a benchmark.
 
     Attributes:
-        bins: by tenths of occlusion.
+        bins: attempts by tenths of occlusion.
         groups: by less and more than one half, and all.
         scenes: that were drawn.
         not_holdable: objects that were drawn and left out, since the hand could not hold them if they stood alone.
@@ -98,8 +96,8 @@ class TargetNumbers:
         rows: every attempt.
     """
 
-    bins: tuple[Group, ...]
-    groups: tuple[Group, ...]
+    bins: dict[str, Group]
+    groups: dict[str, Group]
     scenes: int
     not_holdable: int
     plan_seconds: float
@@ -231,15 +229,15 @@ def summarise(rows: Sequence[TargetAttempt], scenes: int, not_holdable: int) -> 
     """The statistics of attempts in so many scenes, in which so many objects were drawn and left out."""
     bins: Int[np.ndarray, "n"] = np.array([_bin_of(row.occlusion) for row in rows], int)
 
-    def group(name: str, first: int, end: int) -> Group:
+    def group(first: int, end: int) -> Group:
         own = [row for row, number in zip(rows, bins, strict=True) if first <= number < end]
         successes = sum(row.success for row in own)
         failures = Counter(row.cause for row in own if not row.success)
-        return Group(name, len(own), successes, success_rate(successes, len(own)), dict(failures))
+        return Group(len(own), successes, success_rate(successes, len(own)), dict(failures))
 
     return TargetNumbers(
-        bins=tuple(group(f"{each / 10:g} to {(each + 1) / 10:g}", each, each + 1) for each in range(BINS)),
-        groups=tuple(group(name, *limits) for name, limits in GROUPS.items()),
+        bins={f"{each / 10:g} to {(each + 1) / 10:g}": group(each, each + 1) for each in range(BINS)},
+        groups={name: group(*limits) for name, limits in GROUPS.items()},
         scenes=scenes,
         not_holdable=not_holdable,
         plan_seconds=float(np.median([row.plan_seconds for row in rows])) if rows else float("nan"),
@@ -249,11 +247,10 @@ def summarise(rows: Sequence[TargetAttempt], scenes: int, not_holdable: int) -> 
 
 def tables(numbers: TargetNumbers) -> list[Table]:
     """What is printed."""
-    rows = []
-    for group in (*numbers.bins, *numbers.groups):
-        causes = sorted(group.failures.items(), key=lambda item: -item[1])
-        told = ", ".join(f"{count} {cause}" for cause, count in causes)
-        rows.append((group.occlusion, str(group.targets), cell(group.rate, ".1f"), told))
+    rows = [
+        (name, str(group.targets), cell(group.rate, ".1f"), causes_told(group.failures))
+        for name, group in (numbers.bins | numbers.groups).items()
+    ]
     notes = (
         f"{numbers.scenes} scenes; {numbers.not_holdable} objects left out, which the hand could not hold if alone; "
         f"planning takes {numbers.plan_seconds:.2f} s (median)",
