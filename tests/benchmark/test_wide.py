@@ -10,10 +10,10 @@ from box_objects import BoxAndBall
 from icgnet.benchmark import observation, rounds
 from icgnet.benchmark.clutter import summarise, tables
 from icgnet.benchmark.config import ClutterConfig, LatencyConfig
-from icgnet.benchmark.gallery import scene_again
+from icgnet.benchmark.gallery import Replay, draw_replay, scene_again
 from icgnet.benchmark.observation import SEEN_PIXELS, WIDE_CAMERA, Observation, draw_wide_camera, observe, take_picture
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.rounds import WIDE_ATTEMPTS, Attempt, ClutterJob, Round, play_round, round_scene, until_over
+from icgnet.benchmark.rounds import WIDE_ATTEMPTS, Attempt, ClutterJob, Round, Shot, play_round, round_scene, until_over
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
@@ -123,6 +123,15 @@ def test_a_round_counts_what_the_hand_could_hold_and_what_of_it_was_grasped(job,
     played = play_round(job, 0, 0, Somewhere())
     assert (played.placed, played.successes) == (count, 2)
     assert (played.holdable, played.holdable_grasped) == (count - 1, 1)
+
+
+def test_pictures_show_the_walls_of_a_bin_but_neither_the_edge_of_a_table_nor_the_floor(job, scene):
+    shot = Shot(0, 0, 0, [], [], [], np.eye(4).tolist())
+    seen = observe(scene, OBJECTS, "random", "none", FRANKA, False, np.random.default_rng(0))
+    drawn = draw_replay(Replay(shot, TrueShapes(scene, OBJECTS), seen, Plan.nothing())).structures
+    tall = [each for each in scene.surroundings.structures if each.corners[:, 2].max() > TABLE_HEIGHT + 0.01]
+    assert len(drawn) == len(tall) < len(scene.surroundings.structures)
+    assert scene.kind == "table" or len(drawn) >= 4
 
 
 def test_the_rate_of_what_the_hand_could_hold_is_pooled(job):
