@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 
 from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.gripper import Gripper
-from icgnet.viewer.annotate import write, write_legend
+from icgnet.viewer.annotate import text_width, write, write_legend
 from icgnet.viewer.palette import MARK, QUIET_INK, instance_colour, instance_colours
 from icgnet.viewer.picture import LARGEST_CLOUD, PlacedLabel, SceneDrawing, cloud_discs, draw_scene
 from icgnet.viewer.render import TableSurface
@@ -33,7 +33,7 @@ LEGEND_HEIGHT = 44
 
 ROLE_COLOURS = {"target": (0.40, 0.42, 0.46), "touched": (0.86, 0.42, 0.38), "other": (0.70, 0.71, 0.74)}
 HAND_COLOUR = (0.24, 0.66, 0.30)
-STRUCTURE_COLOUR = (0.55, 0.66, 0.80)
+STRUCTURE_COLOUR = (0.80, 0.75, 0.52)
 TRUE_OPACITY, PREDICTED_OPACITY, PALM_OPACITY, STRUCTURE_OPACITY = 0.4, 0.75, 0.15, 0.15
 """Of true and predicted shapes, so that one is seen inside of the other, of the palm, and of walls and the like."""
 LOWEST, SIDE, ABOVE = np.deg2rad(8.0), np.deg2rad(20.0), np.deg2rad(89.0)
@@ -147,7 +147,10 @@ def attempt_picture(scene: AttemptScene) -> Image.Image:
         left, upper = index % 2 * (scene.panel[1] + GAP), top + index // 2 * (scene.panel[0] + GAP)
         picture.paste(image, (left, upper))
         pen.rectangle([left, upper, left + scene.panel[1] - 1, upper + scene.panel[0] - 1], outline=(225, 226, 229))
-        write(picture, caption, (left + 12, upper + scene.panel[0] - CAPTION_SIZE - 12), CAPTION_SIZE, QUIET_INK)
+        at = (left + 12, upper + scene.panel[0] - CAPTION_SIZE - 12)
+        wide = text_width(caption, CAPTION_SIZE)
+        pen.rectangle([at[0] - 8, at[1] - 4, at[0] + wide + 8, at[1] + CAPTION_SIZE + 6], fill="white")
+        write(picture, caption, at, CAPTION_SIZE, QUIET_INK)
     write_legend(picture, _legend(scene), (MARGIN, height - LEGEND_HEIGHT + 10), STORY_SIZE)
     return picture
 
