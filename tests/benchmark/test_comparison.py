@@ -98,7 +98,8 @@ def target(scene: str = "bin", scenes: int = 100) -> dict[str, object]:
             ("all", 80, 60.0, {"nothing found": 2, "missed": 30}),
         )
     }
-    return on_pictures("target", {"groups": groups, "scenes": scenes}, scene=scene, scenes=scenes, planner="icgnet")
+    settings = {"scene": scene, "scenes": scenes, "planner": "icgnet", "full_opening": False}
+    return on_pictures("target", {"groups": groups, "scenes": scenes}, **settings)
 
 
 @pytest.fixture
@@ -262,6 +263,7 @@ def test_targets_stand_by_occlusion_beside_the_published_one(page):
     ]
     many, few = rows(text, "icgnet")
     assert (few[0], few[3]) == (f"icgnet 01234567 {FEW}", "table")
+    assert many[1] == "strict, opening as planned; camera random, noise gaussian"
     assert many[3:] == [
         *("bin", "icgnet 0.1.0 (aaa)", "80", "60.0 [58.0, 62.0]", "-", "60.0 [58.0, 62.0]"),
         "30 missed, 2 nothing found",

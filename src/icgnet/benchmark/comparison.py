@@ -102,10 +102,12 @@ def _failures(reports: Sequence[StoredReport]) -> str:
 
 
 def _targets(reports: Sequence[StoredReport]) -> str:
-    rows = [[report] for report in _in_order(reports, _camera_and_noise, _method, _pictures, _scene)]
+    rows = [[report] for report in _in_order(reports, _rules, _method, _pictures, _scene)]
     rates = {name: _number(".1f", "groups", name, "rate") for name in TARGET_GROUPS}
     values = {"targets": _count("groups", "all", "targets"), **rates, "failures": _told_failures}
-    return _section("One object among others", _table(_SCENES, _SOURCE | values, rows, PUBLISHED["targets"]))
+    return _section(
+        "One object among others", _table({**_SCENES, "protocol": _rules}, _SOURCE | values, rows, PUBLISHED["targets"])
+    )
 
 
 def _shapes(reports: Sequence[StoredReport]) -> str:
@@ -225,9 +227,10 @@ def _camera_and_noise(report: StoredReport) -> str:
 
 
 def _rules(report: StoredReport) -> str:
-    """What counted as a success in the clutter benchmark, and how it was seen."""
+    """What counted as a success in clutter or of a target, which has one protocol only, and how it was seen."""
     opening = "full" if report.value("settings", "full_opening") else "as planned"
-    return f"{report.text('settings', 'protocol')}, opening {opening}; {_camera_and_noise(report)}"
+    protocol = "strict" if report.kind == "target" else report.text("settings", "protocol")
+    return f"{protocol}, opening {opening}; {_camera_and_noise(report)}"
 
 
 def _rounds(report: StoredReport) -> str:
