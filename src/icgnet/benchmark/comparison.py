@@ -70,8 +70,8 @@ def _clutter(reports: Sequence[StoredReport]) -> str:
     order = list(published)
     own: dict[tuple[bool, str, str], list[StoredReport]] = {}
     for report in _in_order(reports, _rules, _method, _rounds):
-        seen = (report.text("settings", name) for name in ("view", "noise"))
-        own.setdefault((_scene(report) in WIDE_KINDS, *seen), []).append(report)
+        view, noise = report.text("settings", "view"), report.text("settings", "noise")
+        own.setdefault((_scene(report) in WIDE_KINDS, view, noise), []).append(report)
 
     def place(key: tuple[bool, str, str]) -> tuple[bool, int, tuple[str, ...]]:
         return key[0], order.index(key[1:]) if key[1:] in order else len(order), key[1:]
