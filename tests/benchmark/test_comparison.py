@@ -84,6 +84,24 @@ def latency(**values: object) -> dict[str, object]:
     return on_pictures("latency", times | values, input="cloud")
 
 
+def wide(scene: str, holdable: float, **settings: object) -> dict[str, object]:
+    """Clutter removal on a table or in a bin."""
+    return clutter(scene=scene, noise="stereo", protocol="strict", **settings) | {"dr_holdable": measured(holdable)}
+
+
+def target(scene: str = "bin", scenes: int = 100) -> dict[str, object]:
+    groups = {
+        name: {"targets": count, "rate": None if rate is None else measured(rate) | {"std": None}, "failures": causes}
+        for name, count, rate, causes in (
+            ("0 to 0.5", 80, 60.0, {"missed": 32}),
+            ("0.5 to 0.9", 0, None, {}),
+            ("all", 80, 60.0, {"nothing found": 2, "missed": 30}),
+        )
+    }
+    settings = {"scene": scene, "scenes": scenes, "planner": "icgnet", "full_opening": False}
+    return on_pictures("target", {"groups": groups, "scenes": scenes}, **settings)
+
+
 @pytest.fixture
 def page(tmp_path):
     """Writes reports into folders named a, b, ... and gives the page that comes of them."""
@@ -190,15 +208,18 @@ def test_published_rates_are_of_views_and_noises_that_we_have_once():
     ("lines", "width", "measured_by"),
     [
         ([row for table in PUBLISHED["rates"] for row in table["rows"]], 8, 3),
+        (PUBLISHED["targets"], 10, 4),
         (PUBLISHED["shapes"], 10, 3),
         (PUBLISHED["times"], 7, 4),
     ],
-    ids=["rates", "shapes", "times"],
+    ids=["rates", "targets", "shapes", "times"],
 )
 def test_published_rows_have_the_cells_of_our_columns_and_say_who_measured_and_where(lines, width, measured_by):
     assert all(len(row) == width for row in lines)
     assert all(isinstance(cell, str) and cell for row in lines for cell in row)
-    assert all(re.fullmatch(r"[^()]+ \((ICG-Net|OrbitGrasp|EVG|NeuGraspNet), .+\)", row[measured_by]) for row in lines)
+    assert all(
+        re.fullmatch(r"[^()]+ \((ICG-Net|OrbitGrasp|EVG|NeuGraspNet|TARGO), .+\)", row[measured_by]) for row in lines
+    )
 
 
 def test_the_page_in_the_documents_is_made_of_the_reports_beside_it():
@@ -209,6 +230,46 @@ def test_the_page_in_the_documents_is_made_of_the_reports_beside_it():
 
 def test_nothing_was_published_for_the_strict_protocol(page):
     assert rows(page(clutter(protocol="strict")), "OrbitGrasp") == []
+
+
+def test_tables_and_bins_have_a_table_of_their_own_with_what_the_hand_could_hold(page):
+    text = page(clutter(), clutter(noise="stereo"), wide("table", 70.0), wide("bin", 60.0), wide("bin", 50.0, seed=2))
+    titles = [line for line in text.splitlines() if line.startswith("### ")]
+    assert titles == [
+        *("### Camera random, noise gaussian", "### Camera random, noise stereo"),
+        "### Tables and bins, camera random, noise stereo",
+    ]
+    part = section(text, "Tables and bins, camera random, noise stereo")
+    assert rows(part, "method")[0][4:] == [
+        f"{kind} {rate}" for kind in ("table", "bin") for rate in ("GSR", "DR", "DR of holdable")
+    ]
+    first, second = (row[4:] for row in rows(part, "icgnet"))
+    assert [cell[:4] for cell in first] == ["90.0", "80.0", "70.0", "90.0", "80.0", "60.0"]
+    assert [cell[:4] for cell in second] == ["-", "-", "-", "90.0", "80.0", "50.0"]
+    assert {row[3] for row in rows(section(text, "Why attempts failed"), "icgnet")} == {"packed", "table", "bin"}
+
+
+def test_nothing_is_published_of_tables_and_bins_even_with_the_camera_and_noise_that_others_used(page):
+    report = wide("table", 70.0, seed=2)
+    report["settings"] |= {"noise": "gaussian", "protocol": "edge"}
+    part = section(page(clutter(), report), "Tables and bins, camera random, noise gaussian")
+    assert [row[0] for row in rows(part, "")][2:] == ["icgnet 01234567"]
+
+
+def test_targets_stand_by_occlusion_beside_the_published_one(page):
+    text = section(page(target(), target("table", scenes=30)), "One object among others")
+    assert rows(text, "method")[0][3:] == [
+        *("kind", "measured by", "targets", "0 to 0.5", "0.5 to 0.9", "all", "failures")
+    ]
+    many, few = rows(text, "icgnet")
+    assert (few[0], few[3]) == (f"icgnet 01234567 {FEW}", "table")
+    assert many[1] == "strict, opening as planned; camera random, noise gaussian"
+    assert many[3:] == [
+        *("bin", "icgnet 0.1.0 (aaa)", "80", "60.0 [58.0, 62.0]", "-", "60.0 [58.0, 62.0]"),
+        "30 missed, 2 nothing found",
+    ]
+    (published,) = rows(text, "TARGO-Net")
+    assert published[5:] == ["-", "-", "78.9", "-", "-"]
 
 
 def test_failures_are_counted_by_cause(page):
@@ -333,7 +394,9 @@ def test_reports_are_found_in_folders_inside_of_folders_and_once(tmp_path):
 
 def test_reports_of_other_kinds_are_named_and_not_enough_alone(page, tmp_path):
     assert "Not on this page:" in page(clutter(), {"benchmark": "loader"})
-    with pytest.raises(InputError, match="clutter, reconstruction, segmentation, latency, captures; found: loader"):
+    with pytest.raises(
+        InputError, match="clutter, target, reconstruction, segmentation, latency, captures; found: loader"
+    ):
         compare(find_reports([tmp_path / "b"]))
 
 

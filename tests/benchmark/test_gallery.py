@@ -19,8 +19,10 @@ from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, play_round
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.cli.main import USAGE_ERROR, main
 from icgnet.errors import InputError
+from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.object_set import load_object_set
+from icgnet.simulation.surroundings import Surroundings, block
 
 CONFIG = ClutterConfig(planner="random", scene="packed", split="val", protocol="strict", runs=1, rounds=1)
 GRIPPER = load_gripper()
@@ -241,6 +243,18 @@ def test_the_story_measures_the_grasp_and_names_what_was_met():
     assert story(skipped(0), truth, seen, same) == (changed,)
     beside = attempt("missed", pose=(DOWN + lifted(0.3)).tolist())
     assert "does not meet it" in story(beside, truth, seen, same)[0]
+
+
+def test_the_story_names_a_wall_between_the_pads():
+    truth = box_alone()
+    shot = attempt("missed", pose=(DOWN + lifted(0.3)).tolist())
+    middle = np.array(shot.pose)[:3, 3] - GRIPPER.finger_reach * np.array(shot.pose)[:3, 2]
+    seen = observation_of(truth)
+    for offset, named in ((np.zeros(3), True), (np.array([0.0, 0.0, -0.1]), False)):
+        wall = block("bin wall", (0.01, 0.01, 0.05), make_transform(np.eye(3), middle + offset))
+        scene = replace(truth.scene, surroundings=Surroundings((-0.15, -0.15, 0.45, 0.45), (wall,)))
+        told = story(shot, TrueShapes(scene, BoxAndBall()), seen, Plan.nothing())[0]
+        assert ("between the pads, though no object: bin wall" in told) == named
 
 
 def test_a_picture_in_which_nothing_was_found_says_what_was_seen(watched, procedural):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from box_objects import RADIUS, BoxAndBall, placed
+from box_objects import EDGE, RADIUS, BoxAndBall, placed
 from icgnet.benchmark.config import ClutterConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
@@ -14,7 +14,7 @@ from icgnet.benchmark.planners import icgnet as icgnet_planner
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 from icgnet.benchmark.planners.chance import RandomPlanner
 from icgnet.benchmark.planners.icgnet import IcgNetPlanner, cloud_on_table
-from icgnet.benchmark.planners.oracle import OraclePlanner
+from icgnet.benchmark.planners.oracle import OraclePlanner, can_hold
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.geometry.clouds import PointCloud
@@ -28,12 +28,14 @@ from icgnet.simulation.config import Physics
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.scenes import spawn_scene
+from icgnet.simulation.surroundings import Surroundings, block
 from icgnet.simulation.trials import Outcome, Trials
 from icgnet.simulation.workcell import PROTOCOLS, Workcell
 from tabletop_scenes import tiny_network
 
 NAMES = ("icgnet", "antipodal", "random", "oracle")
 FRANKA = load_gripper()
+NEIGHBOURS = [(EDGE, 0.0), (-EDGE, 0.0), (0.0, EDGE), (0.0, -EDGE)]
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +165,55 @@ def test_the_oracle_ranks_the_grasp_that_succeeded_first(scene, objects, monkeyp
     plan = OraclePlanner().plan(look(scene, objects))
     np.testing.assert_array_equal(plan.poses[:3], [tried[2], tried[0], tried[1]])
     assert (np.diff(plan.scores) <= 0).all()
+
+
+def holdable(scene: Scene, index: int = 0) -> bool:
+    return can_hold(scene, index, BoxAndBall(), FRANKA, np.random.default_rng(0))
+
+
+def test_a_hand_holds_what_fits_whatever_stands_beside_it():
+    """Boxes touch a box at all four sides, so that no finger has room there."""
+    box = ("box", (0.15, 0.15, TABLE_HEIGHT + EDGE / 2))
+    assert holdable(placed(box))
+    sides = ((0.15 + along, 0.15 + across, TABLE_HEIGHT + EDGE / 2) for along, across in NEIGHBOURS)
+    assert holdable(placed(box, *(("box", side) for side in sides)))
+
+
+def test_a_hand_holds_nothing_that_is_wider_than_it_opens():
+    wide = placed(("box", (0.15, 0.15, TABLE_HEIGHT + EDGE / 2)))
+    assert not holdable(replace(wide, objects=(replace(wide.objects[0], scale=2.0),)))
+
+
+def upright_at(*place: float) -> np.ndarray:
+    return make_transform(np.eye(3), np.array(place))
+
+
+def test_a_hand_holds_nothing_that_it_has_no_way_to():
+    """A ball in a box without a lid, too narrow and deep for the hand."""
+    walls = [
+        block("wall", (0.16, 0.02, 0.3), upright_at(0.15, 0.15 + 0.06, TABLE_HEIGHT + 0.15)),
+        block("wall", (0.16, 0.02, 0.3), upright_at(0.15, 0.15 - 0.06, TABLE_HEIGHT + 0.15)),
+        block("wall", (0.02, 0.10, 0.3), upright_at(0.15 + 0.06, 0.15, TABLE_HEIGHT + 0.15)),
+        block("wall", (0.02, 0.10, 0.3), upright_at(0.15 - 0.06, 0.15, TABLE_HEIGHT + 0.15)),
+    ]
+    around = Surroundings((-0.15, -0.15, 0.45, 0.45), tuple(walls))
+    ball = placed(("ball", (0.15, 0.15, TABLE_HEIGHT + RADIUS)))
+    assert holdable(ball)
+    assert not holdable(replace(ball, kind="table", surroundings=around))
+
+
+def test_a_hand_holds_nothing_that_slips_in_every_trial(monkeypatch):
+    monkeypatch.setattr(Trials, "run", lambda *given: Outcome(False, False))
+    assert not holdable(placed(("box", (0.15, 0.15, TABLE_HEIGHT + EDGE / 2))))
+
+
+@pytest.mark.parametrize(("wide", "disturbed"), [(True, True), (True, False), (False, True)])
+def test_on_tables_and_in_bins_the_oracle_finds_nothing_that_would_move_others(
+    planners, scene, objects, wide, disturbed, monkeypatch
+):
+    monkeypatch.setattr(Trials, "run", lambda *given: Outcome(True, disturbed))
+    plan = planners["oracle"].plan(replace(look(scene, objects), is_wide=wide))
+    assert (len(plan) == 0) == (wide and disturbed)
 
 
 def play(planner: Planner, objects: ObjectSet, kind, seed: int, protocol: str) -> tuple[int, int]:

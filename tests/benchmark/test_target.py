@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from box_objects import EDGE, RADIUS, BoxAndBall, placed, predicted
-from icgnet.benchmark import target
+from icgnet.benchmark import rounds, target
 from icgnet.benchmark.config import NOTHING_FOUND, TargetConfig
 from icgnet.benchmark.observation import Observation, Picture, sense
 from icgnet.benchmark.planner import Plan
@@ -65,12 +65,24 @@ def test_what_is_small_in_the_picture_is_no_target(monkeypatch):
     assert np.isnan(occlusions(picture_of(APART, 30.0, 90.0), APART, OBJECTS)).all()
 
 
-def test_one_target_is_drawn_in_every_wanted_bin():
+def test_one_target_is_drawn_in_every_bin():
     hidden = np.array([0.05, 0.02, 0.3, 0.55, 0.95, np.nan])
-    wanted = [True, True, True, True, True, False, True, True, True]
-    drawn = [draw_targets(hidden, wanted, np.random.default_rng(seed)) for seed in range(20)]
-    assert all(len(each) == 2 and each[1] == 2 for each in drawn)
+    drawn = [draw_targets(hidden, lambda index: True, np.random.default_rng(seed)) for seed in range(20)]
+    assert all(each[1:] == [2, 3] for each in drawn)
     assert {each[0] for each in drawn} == {0, 1}
+
+
+def test_what_may_be_no_target_is_replaced_by_the_next_of_its_bin_and_nothing_else_is_asked_for():
+    hidden, asked = np.array([0.05, 0.02, 0.08, 0.3]), []
+
+    def only_the_ball(index: int) -> bool:
+        asked.append(index)
+        return index == 1
+
+    for seed in range(8):
+        asked.clear()
+        assert draw_targets(hidden, only_the_ball, np.random.default_rng(seed)) == [1]
+        assert asked[-2:] == [1, 3], "no further object of a bin that has its target"
 
 
 def held(planner, scene: Scene, index: int) -> Cause:
@@ -145,14 +157,15 @@ def test_attempts_are_counted_by_occlusion():
         replace(row, occlusion=0.55),
         replace(row, occlusion=0.89, success=False, cause="wrong object"),
     ]
-    numbers = summarise(rows, scenes=7)
-    assert [group.targets for group in numbers.bins] == [1, 1, 0, 0, 0, 1, 0, 0, 1]
-    assert [(group.targets, group.successes) for group in numbers.groups] == [(2, 1), (2, 1), (4, 2)]
-    assert numbers.groups[2].failures == {NOTHING_FOUND: 1, "wrong object": 1}
-    assert numbers.bins[2].rate is None
-    assert numbers.groups[2].rate is not None
-    assert numbers.groups[2].rate.low == pytest.approx(15.0, abs=0.1), "Wilson's of two in four"
+    numbers = summarise(rows, scenes=7, not_holdable=2)
+    assert [group.targets for group in numbers.bins.values()] == [1, 1, 0, 0, 0, 1, 0, 0, 1]
+    assert [(group.targets, group.successes) for group in numbers.groups.values()] == [(2, 1), (2, 1), (4, 2)]
+    assert numbers.groups["all"].failures == {NOTHING_FOUND: 1, "wrong object": 1}
+    assert numbers.bins["0.2 to 0.3"].rate is None
+    assert numbers.groups["all"].rate is not None
+    assert numbers.groups["all"].rate.low == pytest.approx(15.0, abs=0.1), "Wilson's of two in four"
     (table,) = target.tables(numbers)
+    assert table.notes[0].startswith("7 scenes; 2 objects left out")
     assert len(table.rows) == 12
 
 
@@ -165,16 +178,32 @@ class Nothing:
         return Plan.nothing()
 
 
-def test_scenes_are_drawn_until_the_bins_are_full_or_there_are_no_more(monkeypatch):
+CONFIG = TargetConfig(scene="packed", noise="none", planner="random", split="val", scenes=3)
+
+
+@pytest.mark.parametrize("holdable", [True, False])
+def test_every_scene_has_its_targets_if_the_hand_could_hold_them(holdable, monkeypatch):
     monkeypatch.setattr(target, "load_object_set", lambda source: OBJECTS)
-    monkeypatch.setattr(target, "load_planner", lambda config: Nothing())
+    monkeypatch.setattr(rounds, "load_planner", lambda config: Nothing())
     monkeypatch.setattr(target, "round_scene", lambda *given: APART)
-    numbers = measure(TargetConfig(scene="packed", noise="none", planner="random", targets=2, scenes=3))
+    monkeypatch.setattr(target, "is_holdable", lambda *given: holdable)
+    numbers = measure(CONFIG)
     assert numbers.scenes == 3
-    assert (numbers.bins[0].targets, numbers.groups[2].targets) == (2, 2)
-    assert numbers.groups[2].failures == {NOTHING_FOUND: 2}
+    assert (numbers.bins["0 to 0.1"].targets, numbers.groups["all"].targets) == (3 * holdable, 3 * holdable)
+    assert numbers.groups["all"].failures == ({NOTHING_FOUND: 3} if holdable else {})
+    assert numbers.not_holdable == (0 if holdable else 6)
+
+
+@pytest.mark.slow
+def test_the_attempts_are_the_same_for_any_number_of_workers():
+    config = replace(CONFIG, scenes=2)
+    one, two = ([replace(row, plan_seconds=0.0) for row in measure(config, count).rows] for count in (1, 2))
+    assert one == two
+    assert len(one) >= 2
 
 
 def test_settings_out_of_range_are_refused():
-    with pytest.raises(InputError, match="targets"):
-        TargetConfig(targets=0)
+    with pytest.raises(InputError, match="scenes"):
+        TargetConfig(scenes=0)
+    with pytest.raises(InputError, match="workers must be at least 1, got 0"):
+        measure(CONFIG, 0)

@@ -7,12 +7,13 @@ import pytest
 import trimesh
 
 from box_objects import BoxAndBall
-from icgnet.benchmark import observation
+from icgnet.benchmark import observation, rounds
+from icgnet.benchmark.clutter import summarise, tables
 from icgnet.benchmark.config import ClutterConfig, LatencyConfig
-from icgnet.benchmark.gallery import scene_again
+from icgnet.benchmark.gallery import Replay, draw_replay, scene_again
 from icgnet.benchmark.observation import SEEN_PIXELS, WIDE_CAMERA, Observation, draw_wide_camera, observe, take_picture
 from icgnet.benchmark.planner import Plan
-from icgnet.benchmark.rounds import WIDE_ATTEMPTS, Attempt, ClutterJob, play_round, round_scene, until_over
+from icgnet.benchmark.rounds import WIDE_ATTEMPTS, Attempt, ClutterJob, Round, Shot, play_round, round_scene, until_over
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
@@ -23,7 +24,7 @@ from icgnet.objects.object_set import load_object_set
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.surroundings import Surroundings, block
-from icgnet.simulation.workcell import _planes
+from icgnet.simulation.workcell import Cause, Execution, Workcell, _planes
 
 OBJECTS, FRANKA = load_object_set("procedural"), load_gripper()
 CONFIG = ClutterConfig(
@@ -39,6 +40,13 @@ def job(request) -> ClutterJob:
 @pytest.fixture(scope="module")
 def scene(job) -> Scene:
     return round_scene(job.config, 0, 0, OBJECTS)
+
+
+class Somewhere:
+    needs_truth = False
+
+    def plan(self, observation: Observation) -> Plan:
+        return Plan(np.eye(4)[None], np.array([0.08]), np.ones(1))
 
 
 class Nothing:
@@ -96,6 +104,44 @@ def test_a_round_can_be_drawn_again_from_what_is_recorded(job, scene):
         np.testing.assert_array_equal(one.corners, other.corners)
     assert again.surroundings.extent == scene.surroundings.extent
     assert asdict(played.skipped[0])["camera"] == job.look(0, 0, 0, again, False).T_world_camera.tolist()
+
+
+def test_a_round_counts_what_the_hand_could_hold_and_what_of_it_was_grasped(job, scene, monkeypatch):
+    """Every object but the last could be held; the hand takes the first and the last one."""
+    count, last = len(scene.objects), len(scene.objects) - 1
+    monkeypatch.setattr(rounds, "can_hold", lambda scene, index, *given: index != last)
+    taken = iter([0, last])
+
+    def take_one(self, *given):
+        index = next(taken, None)
+        removed = () if index is None else (index,)
+        self.grasped += removed
+        pose = np.eye(4)
+        return Execution(bool(removed), Cause.HELD if removed else Cause.MISSED, 0, (), (), removed, (), 0.05, pose)
+
+    monkeypatch.setattr(Workcell, "execute", take_one)
+    played = play_round(job, 0, 0, Somewhere())
+    assert (played.placed, played.successes) == (count, 2)
+    assert (played.holdable, played.holdable_grasped) == (count - 1, 1)
+
+
+def test_pictures_show_the_walls_of_a_bin_but_neither_the_edge_of_a_table_nor_the_floor(job, scene):
+    shot = Shot(0, 0, 0, [], [], [], np.eye(4).tolist())
+    seen = observe(scene, OBJECTS, "random", "none", FRANKA, False, np.random.default_rng(0))
+    drawn = draw_replay(Replay(shot, TrueShapes(scene, OBJECTS), seen, Plan.nothing())).structures
+    tall = [each for each in scene.surroundings.structures if each.corners[:, 2].max() > TABLE_HEIGHT + 0.01]
+    assert len(drawn) == len(tall) < len(scene.surroundings.structures)
+    assert scene.kind == "table" or len(drawn) >= 4
+
+
+def test_the_rate_of_what_the_hand_could_hold_is_pooled(job):
+    played = Round(0, 0, 8, 5, [], [], None, 4, 2)
+    numbers = summarise([played, replace(played, round=1, holdable=6, holdable_grasped=6)])
+    assert (numbers.holdable, numbers.dr_holdable.mean) == (10, 80.0)
+    assert any("10 objects that the hand could hold" in row[0] for row in tables(numbers)[0].rows)
+    of_old = summarise([Round(0, 0, 8, 5, [], [])])
+    assert of_old.dr_holdable is None
+    assert not any("could hold" in row[0] for row in tables(of_old)[0].rows)
 
 
 def test_a_wide_round_has_a_limit_of_attempts():

@@ -71,6 +71,16 @@ def test_every_panel_shows_the_hand(scene):
         assert hued(bare, module.HAND_COLOUR) == 0
 
 
+def test_walls_are_seen_through_in_all_panels_of_true_shapes_and_change_no_view(scene):
+    wall = trimesh.creation.box([0.02, 0.4, 0.2]).apply_translation([0.30, 0.15, TABLE + 0.1])
+    near = trimesh.creation.box([0.02, 0.02, 0.2]).apply_translation([0.15, 0.185, TABLE + 0.1])
+    shown, without = panels(replace(scene, structures=(wall, near))), panels(scene)
+    np.testing.assert_array_equal(shown[0], without[0])
+    for index in (1, 2, 3):
+        assert (shown[index] != without[index]).any(axis=2).sum() > 200
+    assert hued(shown[1], module.HAND_COLOUR) > 50, "the hand behind it is seen"
+
+
 def test_a_predicted_shape_is_seen_around_and_inside_of_the_true_one(scene):
     colour = instance_colour(2)
     for edge in (1.2 * EDGE, 0.8 * EDGE):

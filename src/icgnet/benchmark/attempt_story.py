@@ -61,6 +61,19 @@ def grip_line(attempt: Attempt, truth: TrueShapes, index: int, gripper: Gripper)
     return GripLine(float(np.ptp(inside)), (first, last), lever)
 
 
+def structures_between(attempt: Attempt, truth: TrueShapes, gripper: Gripper) -> list[str]:
+    """Names of what is no object, such as a wall, and lies between the pads before they close."""
+    closing, reach = np.array(attempt.pose)[:3, 1], attempt.opening / 2
+    line = _pads_middle(attempt, gripper) + np.linspace(-reach, reach, SAMPLES)[:, None] * closing
+    found: dict[str, None] = {}
+    for structure in truth.scene.surroundings.structures:
+        mesh = structure.mesh()
+        outside = np.einsum("pfk,fk->pf", line[:, None] - mesh.triangles[:, 0], mesh.face_normals).max(axis=1)
+        if (outside < 0.0).any():
+            found[structure.name] = None
+    return list(found)
+
+
 def meeting_points(attempt: Attempt, truth: TrueShapes, observation: Observation) -> Float[np.ndarray, "k 3"]:
     """Points of the open hand [m, world] inside of an object or the table at the grasp, or else on the way there."""
     pose = np.array(attempt.pose)
@@ -106,7 +119,13 @@ def story(shot: Shot, truth: TrueShapes, observation: Observation, plan: Plan) -
         if line.width
         else f"the line between the pads ({1e3 * shot.opening:.0f} mm apart) does not meet it"
     )
-    names = {"touched on the way": shot.touched, "held": shot.held, "pushed out": shot.lost}
+    between = structures_between(shot, truth, observation.gripper)
+    names = {
+        "between the pads, though no object": between,
+        "touched on the way": shot.touched,
+        "held": shot.held,
+        "pushed out": shot.lost,
+    }
     met = [f"{what}: {', '.join(map(plain, of))}" for what, of in names.items() if of]
     told = f"Target in truth: {'; '.join([measured, *met])}."
     return (told,) if is_same(shot, plan) else (told, CHANGED)

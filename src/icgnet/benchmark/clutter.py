@@ -37,10 +37,13 @@ class ClutterNumbers:
     Attributes:
         gsr: successes by attempts.
         dr: objects grasped away by objects placed; what was pushed out of the workspace counts as not removed.
+        dr_holdable: the same of the objects that the hand could hold if each stood alone where it is at the start of
+            its round; None where this was not asked, as in packed and pile.
         attempts: grasps that were executed.
         runs: in which scenes were played.
         rounds: scenes that were played.
         objects: that were placed.
+        holdable: of these, those that `dr_holdable` is about.
         failures: number of failed attempts by cause, and pictures in which "nothing found".
         touching: attempts, failed or not, in which the open hand touched anything but the target on its way.
         lost: objects that were pushed out of the workspace.
@@ -50,10 +53,12 @@ class ClutterNumbers:
 
     gsr: Spread | None
     dr: Spread | None
+    dr_holdable: Spread | None
     attempts: int
     runs: int
     rounds: int
     objects: int
+    holdable: int
     failures: dict[str, int]
     touching: int
     lost: int
@@ -68,16 +73,20 @@ def summarise(rounds: Sequence[Round]) -> ClutterNumbers:
     tries = [sum(len(each.attempts) for each in own) for own in by_run]
     placed = [sum(each.placed for each in own) for own in by_run]
     successes = [sum(each.successes for each in own) for own in by_run]
+    holdable = [sum(each.holdable or 0 for each in own) for own in by_run]
+    grasped = [sum(each.holdable_grasped or 0 for each in own) for own in by_run]
     attempts = [attempt for each in rounds for attempt in each.attempts]
     failures = Counter(attempt.cause for attempt in attempts if not attempt.success)
     failures[NOTHING_FOUND] = sum(len(each.skipped) for each in rounds)
     return ClutterNumbers(
         gsr=_rate(successes, tries),
         dr=_rate(successes, placed),
+        dr_holdable=_rate(grasped, holdable),
         attempts=sum(tries),
         runs=len(runs),
         rounds=len(rounds),
         objects=sum(placed),
+        holdable=sum(holdable),
         failures=dict(failures),
         touching=sum(bool(attempt.touched) for attempt in attempts),
         lost=sum(len(attempt.lost) for attempt in attempts),
@@ -97,10 +106,14 @@ def _rate(successes: Sequence[int], totals: Sequence[int]) -> Spread | None:
 
 def tables(numbers: ClutterNumbers) -> list[Table]:
     """What is printed."""
-    causes = sorted(numbers.failures.items(), key=lambda item: -item[1])
+    causes, is_wide = sorted(numbers.failures.items(), key=lambda item: -item[1]), numbers.dr_holdable is not None
     rows = [
         ("grasp success rate, % [95 %]", cell(numbers.gsr, ".1f")),
         ("declutter rate, % [95 %]", cell(numbers.dr, ".1f")),
+        *(
+            [(f"of the {numbers.holdable} objects that the hand could hold", cell(numbers.dr_holdable, ".1f"))]
+            * is_wide
+        ),
         ("rounds, objects, attempts", f"{numbers.rounds}, {numbers.objects}, {numbers.attempts}"),
         *((cause if cause == NOTHING_FOUND else f"failed: {cause}", str(count)) for cause, count in causes),
         ("attempts that touched something else on their way", str(numbers.touching)),

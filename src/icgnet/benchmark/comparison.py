@@ -16,16 +16,17 @@ import yaml
 from icgnet.benchmark.config import EVERY, IN_LABELS, NOTHING_FOUND, OUR_NETWORK
 from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.reports import StoredReport
-from icgnet.benchmark.statistics import cell
+from icgnet.benchmark.statistics import causes_told, cell
 from icgnet.benchmark.tables import NOTHING, Table
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW
+from icgnet.objects.kinds import CUBE_KINDS, WIDE_KINDS
 
 PAGE: Mapping[str, Any] = yaml.safe_load((Path(__file__).parent / "page.yaml").read_text(encoding="utf-8"))
 """Introduction, what stands below the headings, and what the marks of a row mean."""
 UNCOMMITTED, FEW, MIXED = PAGE["marks"]
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
-SCENES = ("packed", "pile")
+TARGET_GROUPS = ("0 to 0.5", "0.5 to 0.9", "all")
 
 Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
 Label = Callable[[StoredReport], str]
@@ -41,6 +42,7 @@ def compare(reports: Sequence[StoredReport]) -> str:
     """
     writers = {
         "clutter": (_clutter, _failures),
+        "target": (_targets,),
         "reconstruction": (_shapes,),
         "segmentation": (_instances,),
         "latency": (_times,),
@@ -63,18 +65,24 @@ def _section(heading: str, *parts: str) -> str:
 
 
 def _clutter(reports: Sequence[StoredReport]) -> str:
-    """A table for each view and noise: ours, then what was published for them, all with the protocol edge."""
+    """A table for each view and noise, those of tables and bins last; published rows have the protocol edge."""
     published = {(each["view"], each["noise"]): each["rows"] for each in PUBLISHED["rates"]}
     order = list(published)
-    own: dict[tuple[str, str], list[StoredReport]] = {}
+    own: dict[tuple[bool, str, str], list[StoredReport]] = {}
     for report in _in_order(reports, _rules, _method, _rounds):
-        own.setdefault((report.text("settings", "view"), report.text("settings", "noise")), []).append(report)
+        view, noise = report.text("settings", "view"), report.text("settings", "noise")
+        own.setdefault((_scene(report) in WIDE_KINDS, view, noise), []).append(report)
+
+    def place(key: tuple[bool, str, str]) -> tuple[bool, int, tuple[str, ...]]:
+        return key[0], order.index(key[1:]) if key[1:] in order else len(order), key[1:]
+
     parts = []
-    for setting in sorted(own, key=lambda each: (order.index(each) if each in order else len(order), each)):
-        edge = any(report.text("settings", "protocol") == "edge" for report in own[setting])
-        rows = _pairs(own[setting], irrelevant=("opening",))
-        table = _table(_ROUNDS, _SOURCE | RATES, rows, published.get(setting, []) if edge else [])
-        parts.append(f"### Camera {setting[0]}, noise {setting[1]}\n\n{table}")
+    for is_wide, view, noise in sorted(own, key=place):
+        group = own[is_wide, view, noise]
+        edge = not is_wide and any(report.text("settings", "protocol") == "edge" for report in group)
+        rows, rates = _pairs(group, irrelevant=("opening",)), WIDE_RATES if is_wide else RATES
+        table = _table(_ROUNDS, _SOURCE | rates, rows, published.get((view, noise), []) if edge else [])
+        parts.append(f"### {'Tables and bins, camera' if is_wide else 'Camera'} {view}, noise {noise}\n\n{table}")
     return _section("Clutter removal", *parts)
 
 
@@ -93,6 +101,15 @@ def _failures(reports: Sequence[StoredReport]) -> str:
     return _section("Why attempts failed", _table({**_ROUNDS, "kind": _scene}, values, rows))
 
 
+def _targets(reports: Sequence[StoredReport]) -> str:
+    rows = [[report] for report in _in_order(reports, _rules, _method, _pictures, _scene)]
+    rates = {name: _number(".1f", "groups", name, "rate") for name in TARGET_GROUPS}
+    values = {"targets": _count("groups", "all", "targets"), **rates, "failures": _told_failures}
+    return _section(
+        "One object among others", _table({**_SCENES, "protocol": _rules}, _SOURCE | values, rows, PUBLISHED["targets"])
+    )
+
+
 def _shapes(reports: Sequence[StoredReport]) -> str:
     rows = _pairs(_in_order(reports, _camera_and_noise, _method, _pictures), irrelevant=("threads",))
     return _section("Shapes", _table(_PICTURES, _SOURCE | SHAPES, rows, PUBLISHED["shapes"]))
@@ -100,7 +117,7 @@ def _shapes(reports: Sequence[StoredReport]) -> str:
 
 def _instances(reports: Sequence[StoredReport]) -> str:
     rows = [[report] for report in _in_order(reports, _camera_and_noise, _method, _pictures)]
-    return _section("Instances", _table({**_PICTURES, "kind": _scene}, _SOURCE | SCORES, rows))
+    return _section("Instances", _table(_SCENES, _SOURCE | SCORES, rows))
 
 
 def _times(reports: Sequence[StoredReport]) -> str:
@@ -147,7 +164,7 @@ def _table(
 
 def _marks(row: Row) -> list[str]:
     commits = {commit for report in row for commit in report.commits}
-    counted = {"clutter": "rounds", "reconstruction": "scenes", "segmentation": "scenes"}
+    counted = {"clutter": "rounds", **dict.fromkeys(("target", "reconstruction", "segmentation"), "scenes")}
     found = {
         UNCOMMITTED: any(commit is None or commit.endswith("-dirty") for commit in commits),
         FEW: any(each.kind in counted and each.count(counted[each.kind]) < MANY_ROUNDS for each in row),
@@ -210,9 +227,10 @@ def _camera_and_noise(report: StoredReport) -> str:
 
 
 def _rules(report: StoredReport) -> str:
-    """What counted as a success in the clutter benchmark, and how it was seen."""
+    """What counted as a success in clutter or of a target, which has one protocol only, and how it was seen."""
     opening = "full" if report.value("settings", "full_opening") else "as planned"
-    return f"{report.text('settings', 'protocol')}, opening {opening}; {_camera_and_noise(report)}"
+    protocol = "strict" if report.kind == "target" else report.text("settings", "protocol")
+    return f"{protocol}, opening {opening}; {_camera_and_noise(report)}"
 
 
 def _rounds(report: StoredReport) -> str:
@@ -241,6 +259,7 @@ def _hardware(report: StoredReport) -> str:
 
 _ROUNDS: dict[str, Label] = {"method": _method, "protocol": _rules, "scenes": _rounds}
 _PICTURES: dict[str, Label] = {"method": _method, "protocol": _camera_and_noise, "scenes": _pictures}
+_SCENES: dict[str, Label] = {**_PICTURES, "kind": _scene}
 _TIMED: dict[str, Label] = {
     "method": _method,
     "input": lambda report: f"input {report.text('settings', 'input')}",
@@ -274,21 +293,30 @@ def _count(*keys: str) -> Value:
     return lambda row: str(row[0].count(*keys))
 
 
-def _beside(columns: Mapping[str, Value]) -> dict[str, Value]:
-    """The columns of packed scenes, then those of piles; a row may lack a report of one of them."""
+def _beside(columns: Mapping[str, Value], scenes: Sequence[str] = CUBE_KINDS) -> dict[str, Value]:
+    """The columns of packed scenes, then those of piles, or of others; a row may lack a report of one of them."""
 
     def of_scene(scene: str, value: Value) -> Value:
         return lambda row: next((value([report]) for report in row if _scene(report) == scene), NOTHING)
 
-    return {f"{scene} {name}": of_scene(scene, value) for scene in SCENES for name, value in columns.items()}
+    return {f"{scene} {name}": of_scene(scene, value) for scene in scenes for name, value in columns.items()}
 
 
-def _causes(report: StoredReport) -> Counter[str]:
-    return Counter({cause: report.count("failures", cause) for cause in report.mapping("failures")})
+def _causes(report: StoredReport, *keys: str) -> Counter[str]:
+    causes = report.mapping(*keys, "failures")
+    return Counter({cause: report.count(*keys, "failures", cause) for cause in causes})
+
+
+def _told_failures(row: Row) -> str:
+    return causes_told(_causes(row[0], "groups", "all")) or NOTHING
 
 
 _SOURCE: dict[str, Value] = {"measured by": _source}
 RATES = _beside({"GSR": _number(".1f", "gsr"), "DR": _number(".1f", "dr")})
+WIDE_RATES = _beside(
+    {"GSR": _number(".1f", "gsr"), "DR": _number(".1f", "dr"), "DR of holdable": _number(".1f", "dr_holdable")},
+    WIDE_KINDS,
+)
 SHAPES = _beside(
     {
         "IoU, %": _number(".1f", "scene", "iou"),

@@ -133,14 +133,12 @@ class TargetConfig(PlannerConfig):
     """What the sensor does."""
     opening: Literal["full", "predicted"] | None = None
     """How far the hand is open while it approaches; predicted if not given."""
-    targets: int = 10
-    """Targets in each tenth of occlusion, from 0 to 0.9."""
-    scenes: int = 400
-    """Scenes that are drawn at most to find them."""
+    scenes: int = 100
+    """In each, one object of every tenth of occlusion from 0 to 0.9 is tried that the hand could hold if alone."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range(self, 1.0, "targets", "scenes")
+        check_range(self, 1.0, "scenes")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,6 +36,7 @@ from icgnet.viewer.attempt_picture import (
 from icgnet.viewer.describe import object_name
 
 GALLERY_FOLDER, INDEX_FILE = "gallery", "index.json"
+ABOVE = 0.001  # a structure that rises this far above the support is drawn [m]; the table's edge and the floor do not
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +118,7 @@ def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
     if isinstance(shot, Attempt):
         marks = meeting_points(shot, seen.truth, seen.observation)
         grasp = DrawnGrasp(np.array(shot.pose), shot.opening, seen.observation.gripper, marks)
+    structures = [each.mesh() for each in seen.truth.scene.surroundings.structures]
     return AttemptScene(
         title(shot),
         story(shot, seen.truth, seen.observation, seen.plan),
@@ -127,6 +129,7 @@ def draw_replay(seen: Replay, panel: tuple[int, int] = PANEL) -> AttemptScene:
         seen.observation.T_world_camera,
         seen.observation.table_height,
         grasp,
+        tuple(mesh for mesh in structures if mesh.bounds[1, 2] > seen.observation.table_height + ABOVE),
         panel,
     )
 

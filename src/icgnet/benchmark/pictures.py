@@ -1,6 +1,6 @@
 """Scenes and pictures for the numbers of the network: those with which the rounds of the clutter benchmark begin."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -43,10 +43,13 @@ class Picture:
         return predictor.predict_cloud(cloud.points, cloud.viewpoint, self.observation.table_height)
 
 
-def progress_bar(items: Sequence[ItemT], what: str) -> Iterable[ItemT]:
-    """The items, with a bar on standard error, if that is a terminal, that shows how many have been taken."""
+def progress_bar(items: Iterable[ItemT], what: str, total: int | None = None) -> Iterable[ItemT]:
+    """The items, with a bar on standard error, if that is a terminal, that shows how many have been taken.
+
+    How many there are is to be given where the items have no length.
+    """
     console = Console(stderr=True)
-    return track(items, what, console=console, transient=True, disable=not console.is_terminal)
+    return track(items, what, total, console=console, transient=True, disable=not console.is_terminal)
 
 
 def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripper: Gripper) -> Picture:

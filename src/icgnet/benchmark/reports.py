@@ -76,7 +76,9 @@ class StoredReport:
     def spread(self, *keys: str) -> Spread | None:
         """A number and how it varies, over runs if there are several; None if it is not defined."""
         found = self._numbers(Spread, *keys)
-        return replace(found, std=None) if found is not None and self.settings.get("runs") == 1 else found
+        if found is None or not (math.isnan(found.std or 0.0) or self.settings.get("runs") == 1):
+            return found
+        return replace(found, std=None)
 
     def quantiles(self, *keys: str) -> Quantiles | None:
         """The quantiles of many values; None if they are not defined."""

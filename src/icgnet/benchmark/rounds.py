@@ -12,6 +12,7 @@ import numpy as np
 from icgnet.benchmark.config import ClutterConfig, PlannerConfig, SceneConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
+from icgnet.benchmark.planners.oracle import can_hold
 from icgnet.benchmark.planners.registry import load_planner
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper
@@ -26,7 +27,7 @@ OBJECTS = 5  # tried for in every scene of the cube
 WIDE = WideScenes(objects=(3, 12))  # tables and bins: so many are tried for, fewer where the support is small
 WIDE_ATTEMPTS = 12  # that a round on a table or in a bin has at most
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
-SCENE, CAMERA, PLANNER = 0, 1, 2  # what a random stream is for; each has its own
+SCENE, CAMERA, PLANNER, TARGET, HOLDABLE = range(5)  # what a random stream is for; each has its own
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,9 @@ class Round:
         attempts: the grasps, in their order.
         skipped: pictures in which the planner found nothing.
         commit: the source that played it; None if no commit is known to hold it.
+        holdable: of the objects on a table or in a bin, those that the hand could hold if each stood alone where it is
+            at the start; None where this was not asked.
+        holdable_grasped: of these, those that were grasped away.
     """
 
     run: int
@@ -107,6 +111,8 @@ class Round:
     attempts: list[Attempt]
     skipped: list[Shot]
     commit: str | None = None
+    holdable: int | None = None
+    holdable_grasped: int | None = None
 
     @property
     def successes(self) -> int:
@@ -167,6 +173,13 @@ def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet
     return spawn_scene(config.scene, object_set, config.split, rng, count, wide=WIDE)
 
 
+def is_holdable(
+    config: SceneConfig, run: int, index: int, scene: Scene, target: int, object_set: ObjectSet, gripper: Gripper
+) -> bool:
+    """Whether the hand can hold an object of a round's first scene, see `can_hold`; the same for every planner."""
+    return can_hold(scene, target, object_set, gripper, random_stream(config, run, index, HOLDABLE, target))
+
+
 def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round:
     """Lets a planner grasp until nothing is left, it fails twice in a row, or finds nothing in three pictures."""
     scene = round_scene(job.config, run, index, job.object_set)
@@ -190,9 +203,14 @@ def play_round(job: ClutterJob, run: int, index: int, planner: Planner) -> Round
         )
         return carry_out(job, cell, shot, plan, scene, seconds) if len(plan) else shot
 
-    most = WIDE_ATTEMPTS if scene.kind in WIDE_KINDS else None
-    attempts, skipped = until_over(take, lambda: len(cell.remaining), most)
-    return Round(run, index, len(scene.objects), len(cell.remaining), attempts, skipped, job.commit)
+    is_wide = scene.kind in WIDE_KINDS
+    attempts, skipped = until_over(take, lambda: len(cell.remaining), WIDE_ATTEMPTS if is_wide else None)
+    played = Round(run, index, len(scene.objects), len(cell.remaining), attempts, skipped, job.commit)
+    if not is_wide:
+        return played
+    every = range(len(scene.objects))
+    holdable = {i for i in every if is_holdable(job.config, run, index, scene, i, job.object_set, job.gripper)}
+    return replace(played, holdable=len(holdable), holdable_grasped=len(holdable & set(cell.grasped)))
 
 
 def until_over(

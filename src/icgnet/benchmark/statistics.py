@@ -131,3 +131,8 @@ def table(
 def cell(value: Any, form: str) -> str:
     """A number as it stands in a table."""
     return NOTHING if value is None else f"{value:{form}}"
+
+
+def causes_told(failures: Mapping[str, int]) -> str:
+    """Failures by cause in words, the most frequent first."""
+    return ", ".join(f"{count} {cause}" for cause, count in sorted(failures.items(), key=lambda item: -item[1]))

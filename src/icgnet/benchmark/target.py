@@ -6,7 +6,8 @@ seen in the clutter / seen alone, by the same camera.
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,14 +17,22 @@ from icgnet.benchmark.config import NOTHING_FOUND, TargetConfig
 from icgnet.benchmark.observation import Observation, Picture, sense, take_picture
 from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Planner
-from icgnet.benchmark.planners.registry import load_planner
-from icgnet.benchmark.rounds import CAMERA, PLANNER, random_stream, round_scene
-from icgnet.benchmark.statistics import Spread, cell, success_rate
+from icgnet.benchmark.rounds import (
+    CAMERA,
+    PLANNER,
+    TARGET,
+    is_holdable,
+    planner_of,
+    random_stream,
+    round_scene,
+)
+from icgnet.benchmark.statistics import Spread, causes_told, cell, success_rate
 from icgnet.benchmark.tables import Table
 from icgnet.benchmark.true_shapes import TrueShapes
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet, load_object_set
+from icgnet.parallel.pool import local_pool
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.workcell import PROTOCOLS, Cause, Workcell
@@ -34,8 +43,6 @@ GROUPS = {"0 to 0.5": (0, 5), "0.5 to 0.9": (5, 9), "all": (0, 9)}
 """First bin, and the first one that is no more in it, of what is counted together."""
 FEWEST_PIXELS = 50
 """An object that has fewer pixels alone is no target."""
-DRAW = 3
-"""What the random stream is for that chooses targets; beside those of `rounds`."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +71,12 @@ class Group:
     """Attempts that are counted together.
 
     Attributes:
-        occlusion: which.
         targets: attempts.
         successes: of them.
         rate: successes by attempts in percent with Wilson's 95 % interval; None without attempts.
         failures: number of failed attempts by cause; "nothing found" is one.
     """
 
-    occlusion: str
     targets: int
     successes: int
     rate: Spread | None
@@ -83,42 +88,72 @@ class TargetNumbers:
     """The result of a benchmark.
 
     Attributes:
-        bins: by tenths of occlusion.
+        bins: attempts by tenths of occlusion.
         groups: by less and more than one half, and all.
         scenes: that were drawn.
+        not_holdable: objects that were drawn and left out, since the hand could not hold them if they stood alone.
         plan_seconds: median time of the planner for one picture [s].
         rows: every attempt.
     """
 
-    bins: tuple[Group, ...]
-    groups: tuple[Group, ...]
+    bins: dict[str, Group]
+    groups: dict[str, Group]
     scenes: int
+    not_holdable: int
     plan_seconds: float
     rows: tuple[TargetAttempt, ...]
 
 
-def measure(config: TargetConfig) -> TargetNumbers:
-    """Draws scenes until every bin has its targets, or as many as are allowed, and lets the planner try each target.
+@dataclass(frozen=True)
+class TargetJob:
+    """Everything that a worker must know to try the targets of any scene; the planner is made in the worker."""
+
+    config: TargetConfig
+    object_set: ObjectSet
+    gripper: Gripper
+
+    def make(self, number: int) -> tuple[list[TargetAttempt], int]:
+        """The attempts in the scene of this number, and how many objects that the hand cannot hold were left out."""
+        config, objects, gripper = self.config, self.object_set, self.gripper
+        scene = round_scene(config, 0, number, objects)
+        picture = take_picture(scene, objects, config.view, random_stream(config, 0, number, CAMERA))
+        hidden = occlusions(picture, scene, objects)
+        left_out: list[int] = []
+
+        def is_target(index: int) -> bool:
+            if is_holdable(config, 0, number, scene, index, objects, gripper):
+                return True
+            left_out.append(index)
+            return False
+
+        planner, attempts = planner_of(config), []
+        for target in draw_targets(hidden, is_target, random_stream(config, 0, number, TARGET)):
+            seen = look(config, number, scene, objects, gripper, picture, target)
+            attempts.append(_attempt(planner, seen, scene, objects, target, number, float(hidden[target])))
+        return attempts, len(left_out)
+
+    def name(self, number: int) -> str:
+        """How messages call a scene."""
+        return f"scene {number} (seed {self.config.seed})"
+
+
+def measure(config: TargetConfig, workers: int = 1) -> TargetNumbers:
+    """Lets the planner try one object of each tenth of occlusion that a scene has, in every scene.
+
+    Args:
+        config: of the benchmark.
+        workers: processes; every scene draws the same whatever their number is.
 
     Raises:
         InputError: unknown planner, objects or hand.
         DataError: unusable weights or objects.
     """
-    object_set, gripper, planner = load_object_set(config.objects), load_gripper(config.gripper), load_planner(config)
-    rows: list[TargetAttempt] = []
-    filled, drawn = np.zeros(BINS, int), 0
-    for number in progress_bar(range(config.scenes), "scenes"):
-        if (filled >= config.targets).all():
-            break
-        drawn += 1
-        scene = round_scene(config, 0, number, object_set)
-        picture = take_picture(scene, object_set, config.view, random_stream(config, 0, number, CAMERA))
-        hidden = occlusions(picture, scene, object_set)
-        for target in draw_targets(hidden, filled < config.targets, random_stream(config, 0, number, DRAW)):
-            filled[_bin_of(hidden[target])] += 1
-            seen = look(config, number, scene, object_set, gripper, picture, target)
-            rows.append(_attempt(planner, seen, scene, object_set, target, number, float(hidden[target])))
-    return summarise(rows, drawn)
+    job = TargetJob(config, load_object_set(config.objects), load_gripper(config.gripper))
+    planner_of(config, anew=True)  # what is wrong with it shows here, and not in a worker
+    with closing(local_pool(job, workers)) as pool:
+        scenes = list(progress_bar(pool.make(range(config.scenes)), "scenes", config.scenes))
+    rows = sorted((row for attempts, _ in scenes for row in attempts), key=lambda row: (row.scene, row.occlusion))
+    return summarise(rows, len(scenes), sum(left_out for _, left_out in scenes))
 
 
 def occlusions(picture: Picture, scene: Scene, object_set: ObjectSet) -> Float[np.ndarray, "o"]:
@@ -137,12 +172,13 @@ def occlusions(picture: Picture, scene: Scene, object_set: ObjectSet) -> Float[n
 
 
 def draw_targets(
-    hidden: Float[np.ndarray, "o"], wanted: Sequence[bool] | np.ndarray, rng: np.random.Generator
+    hidden: Float[np.ndarray, "o"], is_target: Callable[[int], bool], rng: np.random.Generator
 ) -> list[int]:
-    """Indices of one object in each wanted bin of occlusion that has any."""
+    """Indices of one object in each tenth of occlusion: of those there in random order, the first that may be one."""
     bins = np.array([_bin_of(each) for each in hidden], int)
-    there = [np.flatnonzero(bins == number) for number in range(BINS) if wanted[number]]
-    return [int(rng.choice(each)) for each in there if len(each)]
+    orders = [rng.permutation(np.flatnonzero(bins == number)).tolist() for number in range(BINS)]
+    drawn = [next(filter(is_target, order), None) for order in orders]
+    return [index for index in drawn if index is not None]
 
 
 def _bin_of(occlusion: float) -> int:
@@ -189,20 +225,21 @@ def _attempt(
     return TargetAttempt(number, scene.objects[target].name, occlusion, cause == Cause.HELD.value, cause, seconds)
 
 
-def summarise(rows: Sequence[TargetAttempt], scenes: int) -> TargetNumbers:
-    """The statistics of attempts in so many scenes."""
+def summarise(rows: Sequence[TargetAttempt], scenes: int, not_holdable: int) -> TargetNumbers:
+    """The statistics of attempts in so many scenes, in which so many objects were drawn and left out."""
     bins: Int[np.ndarray, "n"] = np.array([_bin_of(row.occlusion) for row in rows], int)
 
-    def group(name: str, first: int, end: int) -> Group:
+    def group(first: int, end: int) -> Group:
         own = [row for row, number in zip(rows, bins, strict=True) if first <= number < end]
         successes = sum(row.success for row in own)
         failures = Counter(row.cause for row in own if not row.success)
-        return Group(name, len(own), successes, success_rate(successes, len(own)), dict(failures))
+        return Group(len(own), successes, success_rate(successes, len(own)), dict(failures))
 
     return TargetNumbers(
-        bins=tuple(group(f"{each / 10:g} to {(each + 1) / 10:g}", each, each + 1) for each in range(BINS)),
-        groups=tuple(group(name, *limits) for name, limits in GROUPS.items()),
+        bins={f"{each / 10:g} to {(each + 1) / 10:g}": group(each, each + 1) for each in range(BINS)},
+        groups={name: group(*limits) for name, limits in GROUPS.items()},
         scenes=scenes,
+        not_holdable=not_holdable,
         plan_seconds=float(np.median([row.plan_seconds for row in rows])) if rows else float("nan"),
         rows=tuple(rows),
     )
@@ -210,10 +247,12 @@ def summarise(rows: Sequence[TargetAttempt], scenes: int) -> TargetNumbers:
 
 def tables(numbers: TargetNumbers) -> list[Table]:
     """What is printed."""
-    rows = []
-    for group in (*numbers.bins, *numbers.groups):
-        causes = sorted(group.failures.items(), key=lambda item: -item[1])
-        told = ", ".join(f"{count} {cause}" for cause, count in causes)
-        rows.append((group.occlusion, str(group.targets), cell(group.rate, ".1f"), told))
-    notes = (f"{numbers.scenes} scenes; planning takes {numbers.plan_seconds:.2f} s (median)",)
+    rows = [
+        (name, str(group.targets), cell(group.rate, ".1f"), causes_told(group.failures))
+        for name, group in (numbers.bins | numbers.groups).items()
+    ]
+    notes = (
+        f"{numbers.scenes} scenes; {numbers.not_holdable} objects left out, which the hand could not hold if alone; "
+        f"planning takes {numbers.plan_seconds:.2f} s (median)",
+    )
     return [Table(("occlusion", "targets", "held, % [95 %]", "failures"), rows, notes=notes)]

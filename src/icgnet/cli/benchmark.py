@@ -12,6 +12,7 @@ from icgnet.errors import InputError
 
 if TYPE_CHECKING:
     from icgnet.benchmark.captures import CaptureNumbers
+    from icgnet.benchmark.target import TargetNumbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +47,18 @@ class Target(Measurement):
     """Grasp one named object, hidden more or less by others, in one attempt: success by occlusion, and failures."""
 
     config: Annotated[TargetConfig, Flat]
+    workers: int = 1
+    """Processes; every scene draws the same whatever their number is."""
 
     kind, module = "target", "icgnet.benchmark.target"
+
+    def measure(self, module: ModuleType) -> "TargetNumbers":
+        """The numbers.
+
+        Raises:
+            IcgnetError: unknown planner, unusable objects or weights.
+        """
+        return module.measure(self.config, self.workers)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
-from icgnet.errors import DataError
+from icgnet.errors import DataError, InputError
 
 Product = TypeVar("Product")
 Made = TypeVar("Made", covariant=True)
@@ -187,7 +187,13 @@ def _end_with_parent() -> None:
 
 
 def local_pool(job: Job[Product], workers: int) -> Pool[Product]:
-    """The pool for so many processes on this machine; with one, pieces are made in the calling process."""
+    """The pool for so many processes on this machine; with one, pieces are made in the calling process.
+
+    Raises:
+        InputError: fewer than one.
+    """
+    if workers < 1:
+        raise InputError(f"workers must be at least 1, got {workers}")
     return SerialPool(job) if workers == 1 else LocalPool(job, workers)
 
 

@@ -111,6 +111,8 @@ class Workcell:
         self._world = World(bodies, physics or default_physics(scene.kind), gripper, surroundings=scene.surroundings)
         self._settling = Settling(self._world, scene.surroundings)
         self._planes = [_planes(body) for body in bodies]
+        self.grasped: list[int] = []
+        """Objects that were taken away, as grasped."""
 
     @property
     def remaining(self) -> Int[np.ndarray, "r"]:
@@ -162,6 +164,7 @@ class Workcell:
         if self._world.is_unstable():
             self._world.restore(snapshot)
             return Execution(False, Cause.UNSTABLE, target, (), touched, (), (), final_opening, pose)
+        self.grasped += removed
         left = set(before.tolist()) - set(self.remaining.tolist()) - set(removed)
         return Execution(
             cause is Cause.HELD, cause, target, held, touched, removed, tuple(sorted(left)), final_opening, pose

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 
 from icgnet.geometry.clouds import PointCloud
 from icgnet.grasping.gripper import Gripper
-from icgnet.viewer.annotate import write, write_legend
+from icgnet.viewer.annotate import text_width, write, write_legend
 from icgnet.viewer.palette import MARK, QUIET_INK, instance_colour, instance_colours
 from icgnet.viewer.picture import LARGEST_CLOUD, PlacedLabel, SceneDrawing, cloud_discs, draw_scene
 from icgnet.viewer.render import TableSurface
@@ -33,8 +33,9 @@ LEGEND_HEIGHT = 44
 
 ROLE_COLOURS = {"target": (0.40, 0.42, 0.46), "touched": (0.86, 0.42, 0.38), "other": (0.70, 0.71, 0.74)}
 HAND_COLOUR = (0.24, 0.66, 0.30)
-TRUE_OPACITY, PREDICTED_OPACITY, PALM_OPACITY = 0.4, 0.75, 0.15
-"""Of true and predicted shapes, so that one is seen inside of the other, and of the palm."""
+STRUCTURE_COLOUR = (0.80, 0.75, 0.52)
+TRUE_OPACITY, PREDICTED_OPACITY, PALM_OPACITY, STRUCTURE_OPACITY = 0.4, 0.75, 0.15, 0.15
+"""Of true and predicted shapes, so that one is seen inside of the other, of the palm, and of walls and the like."""
 LOWEST, SIDE, ABOVE = np.deg2rad(8.0), np.deg2rad(20.0), np.deg2rad(89.0)
 """Elevations of the views from the side of the hand (at least), from another side, and from above."""
 OTHER_SIDE = np.deg2rad(100.0)
@@ -110,6 +111,7 @@ class AttemptScene:
         T_world_camera: where it was seen from.
         table_height: of the table plane [m].
         grasp: None if there was none.
+        structures: in the world [m], what rises above the table and is no object, such as the walls of a bin.
         panel: height and width of each of the four parts of the picture [pixels].
     """
 
@@ -122,6 +124,7 @@ class AttemptScene:
     T_world_camera: Float[np.ndarray, "4 4"]
     table_height: float
     grasp: DrawnGrasp | None
+    structures: tuple[trimesh.Trimesh, ...] = ()
     panel: tuple[int, int] = PANEL
 
     @property
@@ -144,7 +147,10 @@ def attempt_picture(scene: AttemptScene) -> Image.Image:
         left, upper = index % 2 * (scene.panel[1] + GAP), top + index // 2 * (scene.panel[0] + GAP)
         picture.paste(image, (left, upper))
         pen.rectangle([left, upper, left + scene.panel[1] - 1, upper + scene.panel[0] - 1], outline=(225, 226, 229))
-        write(picture, caption, (left + 12, upper + scene.panel[0] - CAPTION_SIZE - 12), CAPTION_SIZE, QUIET_INK)
+        at = (left + 12, upper + scene.panel[0] - CAPTION_SIZE - 12)
+        wide = text_width(caption, CAPTION_SIZE)
+        pen.rectangle([at[0] - 8, at[1] - 4, at[0] + wide + 8, at[1] + CAPTION_SIZE + 6], fill="white")
+        write(picture, caption, at, CAPTION_SIZE, QUIET_INK)
     write_legend(picture, _legend(scene), (MARGIN, height - LEGEND_HEIGHT + 10), STORY_SIZE)
     return picture
 
@@ -174,6 +180,8 @@ def _legend(scene: AttemptScene) -> list[tuple[str, tuple[float, float, float]]]
     entries = [(name, ROLE_COLOURS[role]) for role, name in names.items() if role in roles]
     if scene.shapes:
         entries.append(("predicted shapes (see-through, a colour each)", instance_colour(scene.shapes[0].instance_id)))
+    if scene.structures:
+        entries.append(("walls and other structures", STRUCTURE_COLOUR))
     if scene.grasp is not None:
         entries.append(("hand", HAND_COLOUR))
         if len(scene.grasp.marks):
@@ -217,6 +225,7 @@ def _grasp_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
 
 def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
     true = [CutMesh(each.mesh, ROLE_COLOURS[each.role], filled=True) for each in scene.objects]
+    true += [CutMesh(each, STRUCTURE_COLOUR, filled=True) for each in scene.structures]
     predicted = [CutMesh(each.mesh, instance_colour(each.instance_id), filled=False) for each in scene.shapes]
     cut = Cut(
         grasp.T_world_grasp,
@@ -233,7 +242,8 @@ def _section_panel(scene: AttemptScene, grasp: DrawnGrasp) -> Image.Image:
 
 
 def _true_shapes(scene: AttemptScene) -> Triangles:
-    return join([mesh_triangles(each.mesh, ROLE_COLOURS[each.role], TRUE_OPACITY) for each in scene.objects])
+    objects = [mesh_triangles(each.mesh, ROLE_COLOURS[each.role], TRUE_OPACITY) for each in scene.objects]
+    return join([*objects, *(mesh_triangles(each, STRUCTURE_COLOUR, STRUCTURE_OPACITY) for each in scene.structures)])
 
 
 def _predicted(scene: AttemptScene) -> Triangles:

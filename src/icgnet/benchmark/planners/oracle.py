@@ -4,7 +4,8 @@ Its grasps lie on the true shapes and are ranked by how far they may be off. The
 trial, as those that make the training labels, is executed.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -15,14 +16,17 @@ from icgnet.benchmark.observation import Observation
 from icgnet.benchmark.planner import Plan
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import transform_points
+from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.collision import draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.gripper import Gripper
+from icgnet.objects.object_set import ObjectSet
 from icgnet.simulation.approach import ApproachChecker
 from icgnet.simulation.config import Jitter, Physics, default_physics
 from icgnet.simulation.contacts import sample_contacts
 from icgnet.simulation.physics import Body, scene_bodies
 from icgnet.simulation.scene import Scene
+from icgnet.simulation.surroundings import Surroundings
 from icgnet.simulation.trials import Trials
 
 CONTACTS = 200  # that are tried on every object
@@ -56,6 +60,35 @@ class _Lines:
     preference: Float[np.ndarray, "k"]
 
 
+@dataclass(frozen=True, eq=False)
+class _FreeGrasps:
+    """The most promising grasps that touch nothing on their way.
+
+    Attributes:
+        lines: all lines.
+        numbers: of the grasps, line by line and angle by angle.
+        poses: T_world_grasp [m].
+        openings: of the hand on its way [m].
+        preference: of the lines, and for coming from above.
+        checker: of the ways.
+    """
+
+    lines: _Lines
+    numbers: Int[np.ndarray, "g"]
+    poses: Float[np.ndarray, "g 4 4"]
+    openings: Float[np.ndarray, "g"]
+    preference: Float[np.ndarray, "g"]
+    checker: ApproachChecker
+
+    @property
+    def objects(self) -> Int[np.ndarray, "g"]:
+        """What each grasp is for."""
+        return self.lines.objects[self.numbers // ANGLES]
+
+
+Openings = Callable[[Float[np.ndarray, "g"]], Float[np.ndarray, "g"]]
+
+
 class OraclePlanner:
     """Contacts on the true shapes, at the network's approach angles, that leave the hand free even when it is off."""
 
@@ -69,24 +102,46 @@ class OraclePlanner:
         """
         if observation.truth is None:
             raise InputError("the planner oracle needs the true scene in the observation")
-        scene = observation.truth.scene
+        scene, gripper, rng = observation.truth.scene, observation.gripper, observation.rng
         bodies = scene_bodies(scene, observation.truth.object_set)
         if not bodies:
             return Plan.nothing()
-        lines = _lines(bodies, observation.gripper, observation.rng, observation.truth.target)
-        openings = np.repeat(observation.openings(lines.widths), ANGLES)
-        poses = grasp_poses(lines.starts, lines.normals, lines.widths, observation.gripper.finger_reach)
-        poses = _clear_of_table(poses.reshape(-1, 4, 4), openings, observation)
-        checker = ApproachChecker(bodies, observation.gripper, Physics(), HANDS, scene.surroundings)
-        preference = np.repeat(lines.preference, ANGLES) - DOWNWARDS * poses[:, 2, 2]
-        best = _first_free(np.argsort(-preference, kind="stable"), poses, openings, checker)
-        scores = _robustness(lines, best, checker, observation) + preference[best]
-        order = np.argsort(-scores, kind="stable")
-        targets = lines.objects[best // ANGLES]
-        order = _tried_first(order, poses[best], openings[best], targets, bodies, scene, observation)
+        free = _free_grasps(bodies, scene.surroundings, gripper, observation.openings, rng, observation.truth.target)
+        scores = _robustness(free, gripper, observation.openings, rng) + free.preference
+        order = _tried_first(np.argsort(-scores, kind="stable"), free, bodies, scene, observation)
         # The trial outweighs the score, and scores descend in every plan.
         scores[order[:1]] = scores.max(initial=-np.inf)
-        return Plan(poses[best[order]], openings[best[order]], scores[order])
+        return Plan(free.poses[order], free.openings[order], scores[order])
+
+
+def can_hold(scene: Scene, index: int, object_set: ObjectSet, gripper: Gripper, rng: np.random.Generator) -> bool:
+    """Whether a hand can hold an object where it stands, if nothing but the support and the structures were there.
+
+    It can if one of the oracle's grasps on the object alone, with a free way in, holds it in a simulated trial.
+    """
+    bodies = scene_bodies(replace(scene, objects=(scene.objects[index],)), object_set)
+    free = _free_grasps(bodies, scene.surroundings, gripper, gripper.opening, rng)
+    trials = Trials(bodies, gripper, default_physics(scene.kind), scene.surroundings)
+    return any(trials.run(pose, float(free.openings[i]), 0).success for i, pose in enumerate(free.poses))
+
+
+def _free_grasps(
+    bodies: list[Body],
+    surroundings: Surroundings,
+    gripper: Gripper,
+    openings_of: Openings,
+    rng: np.random.Generator,
+    target: int | None = None,
+) -> _FreeGrasps:
+    """The first grasps by preference that are free; all of them are of the target, if there is one."""
+    lines = _lines(bodies, gripper, rng, target)
+    openings = np.repeat(openings_of(lines.widths), ANGLES)
+    poses = grasp_poses(lines.starts, lines.normals, lines.widths, gripper.finger_reach).reshape(-1, 4, 4)
+    poses = draw_back(poses, openings, gripper, TABLE_HEIGHT)
+    checker = ApproachChecker(bodies, gripper, Physics(), HANDS, surroundings)
+    preference = np.repeat(lines.preference, ANGLES) - DOWNWARDS * poses[:, 2, 2]
+    best = _first_free(np.argsort(-preference, kind="stable"), poses, openings, checker)
+    return _FreeGrasps(lines, best, poses[best], openings[best], preference[best], checker)
 
 
 def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator, target: int | None) -> _Lines:
@@ -130,48 +185,38 @@ def _first_free(
 
 
 def _robustness(
-    lines: _Lines, grasps: Int[np.ndarray, "g"], checker: ApproachChecker, observation: Observation
+    free: _FreeGrasps, gripper: Gripper, openings_of: Openings, rng: np.random.Generator
 ) -> Float[np.ndarray, "g"]:
-    """Share of slightly misplaced copies that touch nothing, of grasps numbered line by line and angle by angle."""
-    line, angle = (np.repeat(each, DRAWS) for each in np.divmod(grasps, ANGLES))
-    starts, normals = JITTER.apply(lines.starts[line], lines.normals[line], observation.rng)
-    openings = observation.openings(lines.widths[line])
-    poses = grasp_poses(starts, normals, lines.widths[line], observation.gripper.finger_reach)
-    poses = _clear_of_table(poses[np.arange(len(angle)), angle], openings, observation)
-    return 1.0 - checker.collides(poses, openings).reshape(-1, DRAWS).mean(axis=1)
+    """Share of slightly misplaced copies of each grasp that touch nothing."""
+    lines = free.lines
+    line, angle = (np.repeat(each, DRAWS) for each in np.divmod(free.numbers, ANGLES))
+    starts, normals = JITTER.apply(lines.starts[line], lines.normals[line], rng)
+    openings = openings_of(lines.widths[line])
+    poses = grasp_poses(starts, normals, lines.widths[line], gripper.finger_reach)
+    poses = draw_back(poses[np.arange(len(angle)), angle], openings, gripper, TABLE_HEIGHT)
+    return 1.0 - free.checker.collides(poses, openings).reshape(-1, DRAWS).mean(axis=1)
 
 
 def _tried_first(
-    order: Int[np.ndarray, "g"],
-    poses: Float[np.ndarray, "g 4 4"],
-    openings: Float[np.ndarray, "g"],
-    targets: Int[np.ndarray, "g"],
-    bodies: list[Body],
-    scene: Scene,
-    observation: Observation,
-) -> Int[np.ndarray, "g"]:
+    order: Int[np.ndarray, "g"], free: _FreeGrasps, bodies: list[Body], scene: Scene, observation: Observation
+) -> Int[np.ndarray, "k"]:
     """The order with the first grasp in front that succeeds in a trial; unchanged if none of the best ones does.
 
-    In wide scenes and for a target all are tried, and one that leaves the neighbours, which may lie on it, is better.
+    In wide scenes and for a target all are tried, and it must leave the neighbours, some of which may lie on it, where
+    they are. If none does, a target is worth one that moves them; without a target there is nothing to grasp.
     """
     trials = Trials(bodies, observation.gripper, default_physics(scene.kind), scene.surroundings)
     is_careful = observation.is_wide or observation.target is not None
-    first = None
+    first = order[:0]
     for grasp in (order if is_careful else order[:TRIALS]).tolist():
-        outcome = trials.run(poses[grasp], float(openings[grasp]), int(targets[grasp]))
-        if not outcome.success:
-            continue
-        first = grasp if first is None else first
-        if not (is_careful and outcome.disturbed):
-            first = grasp
-            break
-    return order if first is None else np.concatenate([[first], order[order != first]])
-
-
-def _clear_of_table(
-    poses: Float[np.ndarray, "g 4 4"], openings: Float[np.ndarray, "g"], observation: Observation
-) -> Float[np.ndarray, "g 4 4"]:
-    return draw_back(poses, openings, observation.gripper, observation.table_height)
+        outcome = trials.run(free.poses[grasp], float(free.openings[grasp]), int(free.objects[grasp]))
+        if outcome.success and not (is_careful and outcome.disturbed):
+            return np.concatenate([[grasp], order[order != grasp]])
+        if outcome.success and not len(first):
+            first = np.array([grasp])
+    if observation.is_wide and observation.target is None:
+        return order[:0]
+    return np.concatenate([first, order[~np.isin(order, first)]])
 
 
 def _touchable(body: Body) -> trimesh.Trimesh:
