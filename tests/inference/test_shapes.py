@@ -232,9 +232,7 @@ def test_unseen_sides_are_tried_of_every_object_that_has_no_grasp(shapes, tablet
 
 def test_no_more_candidates_are_checked_than_asked_for(shapes, tabletop):
     many = Grasps.concatenate([from_above(0, np.array([0.0, -1.0, 0.0]))] * 120)
-    kept, rejected = keep_free(
-        many, shapes, 2, tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70)
-    )
+    kept, rejected = keep_free(many, shapes, 2, tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70))
     assert len(kept) == 70
     assert rejected["unchecked"] == 50
 

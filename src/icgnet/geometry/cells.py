@@ -32,10 +32,11 @@ class CellGrid:
     def cells(self, points: Float[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
         """The cell of each point [m, table frame], and whether it belongs to the grid."""
         cells = np.floor(points / PITCH).astype(np.int64) - np.array(self.lower)
-        return cells, ((cells >= 0) & (cells < np.array(self.shape))).all(axis=1)
+        return cells, np.all((cells >= 0) & (cells < np.array(self.shape)), axis=1)
 
 
-WORKSPACE_CELLS = CellGrid((0, 0, 0), (round(SIZE / PITCH),) * 3)
+_EDGE = round(SIZE / PITCH)
+WORKSPACE_CELLS = CellGrid((0, 0, 0), (_EDGE, _EDGE, _EDGE))
 """The cells of the workspace."""
 
 

@@ -73,9 +73,7 @@ class _VirtualCamera:
     half: int
 
     @staticmethod
-    def towards(
-        target: Float[np.ndarray, "3"], viewpoint: Float[np.ndarray, "3"], radius: float
-    ) -> "_VirtualCamera":
+    def towards(target: Float[np.ndarray, "3"], viewpoint: Float[np.ndarray, "3"], radius: float) -> "_VirtualCamera":
         """The camera at `viewpoint` [m] that sees the sphere with this radius [m] around `target` [m]."""
         axes = look_at(viewpoint, target)[:3, :3]
         distance = np.linalg.norm(target - viewpoint)

@@ -123,7 +123,5 @@ def find_instances(scene: EncodedScene, tabletop: Tabletop) -> list[Instance]:
             continue
         probabilities = torch.softmax(output.class_logits[query, :-1], dim=0)
         class_id = int(probabilities.argmax())
-        instances.append(
-            Instance(scene, query, score, scene.classes[class_id], float(probabilities[class_id]), own)
-        )
+        instances.append(Instance(scene, query, score, scene.classes[class_id], float(probabilities[class_id]), own))
     return sorted(instances, key=lambda item: -len(item.rows))

@@ -80,7 +80,8 @@ def _parts(active: Float[Tensor, "b 1 x y z"]) -> list[tuple[int, Float[Tensor, 
     """Of the coarsest grid each connected part: number of its scene, its cells in the box around it, and that box."""
     found = []
     for scene, cells in enumerate(active[:, 0].cpu().numpy()):
-        label, _ = ndimage.label(cells, np.ones((3, 3, 3)))
+        label = np.zeros(cells.shape, dtype=np.int32)
+        ndimage.label(cells, np.ones((3, 3, 3)), output=label)
         for number, box in enumerate(ndimage.find_objects(label), start=1):
             own = torch.from_numpy((label[box] == number).astype(np.float32)).to(active.device)
             found.append((scene, own, box))
@@ -112,8 +113,7 @@ class DenseUNet(nn.Module):
         widths = config.dense_widths
         inputs = (config.dense_channels, *widths[:-1])
         self.encoder = nn.ModuleList(
-            DoubleConv(source, max(target // 2, source), target)
-            for source, target in zip(inputs, widths, strict=True)
+            DoubleConv(source, max(target // 2, source), target) for source, target in zip(inputs, widths, strict=True)
         )
         coarse_to_fine = widths[::-1]
         self.decoder = nn.ModuleList(
@@ -169,7 +169,9 @@ class DenseUNet(nn.Module):
             own = _repeat_grid(cells[None, None], COARSEST, inputs[:1, :1, *_scaled(box, COARSEST)])
             maps = self._maps(inputs[scene : scene + 1, :, *_scaled(box, COARSEST)] * own)
             if not outputs:
-                outputs = [_empty(inputs, values.shape[1], stride) for values, stride in zip(maps, STRIDES, strict=True)]
+                outputs = [
+                    _empty(inputs, values.shape[1], stride) for values, stride in zip(maps, STRIDES, strict=True)
+                ]
             for whole, values, stride in zip(outputs, maps, STRIDES, strict=True):
                 # Boxes may overlap; each part has nothing but zeros where others are.
                 whole[scene, :, *_scaled(box, COARSEST // stride)] += values[0]

@@ -91,12 +91,10 @@ def _unique_rows(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells[first], inverse
 
 
-def _dense_grid(
-    points: np.ndarray, config: NetworkConfig, visibility: np.ndarray | None, grid: CellGrid
-) -> np.ndarray:
+def _dense_grid(points: np.ndarray, config: NetworkConfig, visibility: np.ndarray | None, grid: CellGrid) -> np.ndarray:
     dense = np.zeros((config.dense_channels, *grid.shape), np.float32)
     cells, inside = grid.cells(points)
-    rows = np.ravel_multi_index(tuple(cells[inside].T), grid.shape)
+    rows = np.asarray(np.ravel_multi_index(tuple(cells[inside].T), grid.shape))
     dense[0].reshape(-1)[rows] = 1.0
     if config.visibility and visibility is not None:
         if visibility.shape != grid.shape:

@@ -71,9 +71,7 @@ class FourierEncoding(nn.Module):
         phase = 2.0 * math.pi * normalised @ self.frequencies
         return torch.cat([normalised, torch.cat([phase.sin(), phase.cos()], -1)[..., 3:]], -1)
 
-    def places(
-        self, points: Float[Tensor, "t 3"], seeds: Float[Tensor, "q 3"], bounds: Bounds
-    ) -> Places:
+    def places(self, points: Float[Tensor, "t 3"], seeds: Float[Tensor, "q 3"], bounds: Bounds) -> Places:
         """The encoding of all points for all queries, in two factors."""
         return Places(self._of_queries(self._shifts(seeds, bounds)), self._of_points(points, bounds))
 
