@@ -2,14 +2,14 @@
 
 import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.arrays import position, real_array, real_number, truth_array
@@ -27,7 +27,7 @@ from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode, find_instances
 from icgnet.inference.occlusion import joined_behind_others
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction, SupportPlane
-from icgnet.inference.shapes import Shape
+from icgnet.inference.shapes import SceneOccupancy, Shape
 from icgnet.inference.support import Support
 from icgnet.inference.tabletop import Tabletop, find_tabletop
 from icgnet.network.config import Precision
@@ -53,8 +53,8 @@ class Predictor:
 
     Args:
         network: the network, in evaluation mode.
-        gripper: the hand that grasps are wanted for; a network of the published kind knows only one. None is the hand of
-            most of the network's labels.
+        gripper: the hand that grasps are wanted for; a network of the published kind knows only one. None is the hand
+            of most of the network's labels.
         search: how grasps are looked for.
         seed: of everything that is drawn; the same input then gives the same result.
         precision: in how many bits the U-Nets compute. The default gives the same results on every processor; auto
@@ -276,13 +276,13 @@ class Predictor:
             return Grasps.empty(), {}
         object_of = np.repeat(np.arange(len(objects)), [len(item) for item in objects])
         contacts = seen_contacts(tabletop, [piece.instance for piece in pieces], self.search.contacts, rng)
-        rounds, rejected = [], Counter()
+        rounds, rejected, occupancy = [], Counter(), SceneOccupancy(pieces)
         while True:
             candidates, dropped = score_contacts(self.network, pieces, contacts, self.gripper, self.search)
             candidates = replace(candidates, instances=object_of[candidates.instances])
             clock.lap("grasps")
             free, hit = keep_free(
-                candidates, pieces, len(objects), tabletop, self.gripper, self.search, budget.is_spent
+                candidates, occupancy, len(objects), tabletop, self.gripper, self.search, budget.is_spent
             )
             clock.lap("collision")
             rounds.append(free)
@@ -294,7 +294,7 @@ class Predictor:
             if is_last or not poor.any():
                 return ranked(grasps, self.search.select), dict(rejected)
             chosen = np.flatnonzero(poor[object_of])[:MOST_RESAMPLED]
-            contacts = surface_contacts(pieces, chosen, self.search.contacts, rng)
+            contacts = surface_contacts(occupancy, chosen, self.search.contacts, rng)
 
     def _with_few_grasps(self, grasps: Grasps, objects: int) -> Bool[np.ndarray, "o"]:
         """Which objects are worth a look at their unseen sides.

@@ -16,7 +16,7 @@ from icgnet.inference.budget import Budget
 from icgnet.inference.candidates import GraspContacts, keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance, encode
-from icgnet.inference.shapes import Shape, scene_occupancy
+from icgnet.inference.shapes import SceneOccupancy, Shape
 from icgnet.inference.tabletop import Tabletop
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
@@ -33,6 +33,9 @@ class BallNetwork(IcgNet):
     def decode_occupancy(self, embedding, queries, points, stage=-1):
         centres = torch.from_numpy(ORIGIN + CENTRES).float()[queries]
         return 200.0 * (RADIUS - torch.cdist(centres, points))
+
+    def decode_occupancy_pairs(self, embedding, queries, points, instances, stage=-1):
+        return self.decode_occupancy(embedding, queries, points, stage).t().gather(1, instances)
 
 
 def half_ball(centre: np.ndarray) -> np.ndarray:
@@ -96,7 +99,7 @@ def test_nothing_is_occupied_outside_of_the_box(shapes):
 
 
 def test_the_scene_is_the_union_of_its_shapes(shapes):
-    probability = scene_occupancy(shapes, ORIGIN + np.array([*CENTRES, [0.185, 0.15, 0.09]]))
+    probability = SceneOccupancy(shapes)(ORIGIN + np.array([*CENTRES, [0.185, 0.15, 0.09]]))
     assert (probability[:2] > 0.9).all()
     assert probability[2] < 0.5
 
@@ -129,7 +132,7 @@ def test_every_object_gets_a_contact_however_few_are_wanted(shapes, tabletop):
     instances = [shape.instance for shape in shapes]
     contacts = seen_contacts(tabletop, instances, 1, np.random.default_rng(0))
     assert contacts.instances.tolist() == [0, 1]
-    assert set(surface_contacts(shapes, np.arange(2), 1, np.random.default_rng(0)).instances) == {0, 1}
+    assert set(surface_contacts(SceneOccupancy(shapes), np.arange(2), 1, np.random.default_rng(0)).instances) == {0, 1}
 
 
 def test_a_ray_that_misses_the_shape_has_no_width_and_one_that_never_leaves_is_too_wide(shapes):
@@ -141,7 +144,7 @@ def test_a_ray_that_misses_the_shape_has_no_width_and_one_that_never_leaves_is_t
 
 
 def test_surface_contacts_lie_on_the_ball_with_outward_normals(shapes):
-    contacts = surface_contacts(shapes, np.arange(2), 128, np.random.default_rng(0))
+    contacts = surface_contacts(SceneOccupancy(shapes), np.arange(2), 128, np.random.default_rng(0))
     offsets = contacts.points - ORIGIN - CENTRES[contacts.instances]
     np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), RADIUS, atol=5e-4)
     assert (np.einsum("cd,cd->c", offsets, contacts.normals) > 0.98 * RADIUS).all()
@@ -166,7 +169,7 @@ def from_above(ball: int, direction: np.ndarray) -> Grasps:
 
 
 def check(grasps: Grasps, shapes: list[Shape], tabletop: Tabletop) -> tuple[Grasps, dict[str, int]]:
-    return keep_free(grasps, shapes, 2, tabletop, load_gripper(), GraspSearch())
+    return keep_free(grasps, SceneOccupancy(shapes), 2, tabletop, load_gripper(), GraspSearch())
 
 
 def test_a_grasp_across_two_balls_in_a_row_is_free(shapes, tabletop):
@@ -192,7 +195,7 @@ def test_a_grasp_through_the_table_is_rejected(shapes, tabletop):
 def test_checking_stops_when_every_object_has_enough_and_the_rest_is_counted(shapes, tabletop):
     free_one = from_above(0, np.array([0.0, -1.0, 0.0]))
     many = Grasps.concatenate([free_one] * 120)
-    kept, rejected = keep_free(many, shapes, 2, tabletop, load_gripper(), GraspSearch(per_object=4))
+    kept, rejected = keep_free(many, SceneOccupancy(shapes), 2, tabletop, load_gripper(), GraspSearch(per_object=4))
     assert len(kept) == 48, "one batch"
     assert rejected["unchecked"] == 72
 
@@ -217,9 +220,9 @@ def search_for(shapes: list[Shape], tabletop: Tabletop, search: GraspSearch) -> 
 def test_unseen_sides_are_tried_of_every_object_that_has_no_grasp(shapes, tabletop, min_score, resampled, monkeypatch):
     asked = []
 
-    def spy(shapes, chosen, budget, rng):
+    def spy(occupancy, chosen, budget, rng):
         asked.extend(chosen.tolist())
-        return surface_contacts(shapes, chosen, budget, rng)
+        return surface_contacts(occupancy, chosen, budget, rng)
 
     monkeypatch.setattr("icgnet.predictor.surface_contacts", spy)
     monkeypatch.setattr(
@@ -232,7 +235,9 @@ def test_unseen_sides_are_tried_of_every_object_that_has_no_grasp(shapes, tablet
 
 def test_no_more_candidates_are_checked_than_asked_for(shapes, tabletop):
     many = Grasps.concatenate([from_above(0, np.array([0.0, -1.0, 0.0]))] * 120)
-    kept, rejected = keep_free(many, shapes, 2, tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70))
+    kept, rejected = keep_free(
+        many, SceneOccupancy(shapes), 2, tabletop, load_gripper(), GraspSearch(per_object=100, max_checked=70)
+    )
     assert len(kept) == 70
     assert rejected["unchecked"] == 50
 
@@ -251,5 +256,5 @@ def test_the_highest_free_grasp_is_found_below_as_many_others_as_there_are(shape
     grasps = replace(grasps, poses=poses, scores=scores)
     for rule, first in (("best", 0), ("highest", many - 1)):
         search = GraspSearch(per_object=4, most=4, select=rule)
-        free, _ = keep_free(ranked(grasps, rule), shapes, 2, tabletop, load_gripper(), search)
+        free, _ = keep_free(ranked(grasps, rule), SceneOccupancy(shapes), 2, tabletop, load_gripper(), search)
         assert free.scores[0] == scores[first]

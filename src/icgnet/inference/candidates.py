@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.grasping.selection import ranked
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance
-from icgnet.inference.shapes import Shape, scene_occupancy
+from icgnet.inference.shapes import SceneOccupancy, Shape
 from icgnet.inference.tabletop import Tabletop
 from icgnet.network.icgnet import IcgNet
 
@@ -85,21 +84,20 @@ def seen_contacts(
 
 
 def surface_contacts(
-    shapes: Sequence[Shape], chosen: Int[np.ndarray, "k"], budget: int, rng: np.random.Generator
+    occupancy: SceneOccupancy, chosen: Int[np.ndarray, "k"], budget: int, rng: np.random.Generator
 ) -> GraspContacts:
-    """Contacts on the predicted surfaces, also where the camera saw nothing.
+    """Contacts on the predicted surfaces of some shapes, also where the camera saw nothing.
 
-    Paper: resampling of unobserved points for views from above. Differs: points are drawn evenly from the extracted
-    surface, instead of being moved onto it by gradient descent from the seen points.
+    Paper: resampling of unobserved points for views from above. Differs: points are drawn evenly from the surface in
+    the lattice, instead of being moved onto it by gradient descent from the seen points.
     """
     none = GraspContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
     parts, share = [none], _share(budget, len(chosen))
-    for number in chosen.tolist():
-        shape = shapes[number]
-        if len(shape.mesh.faces) == 0:
+    for number, mesh in zip(chosen.tolist(), occupancy.rough_meshes(chosen.tolist()), strict=True):
+        if len(mesh.faces) == 0:
             continue
-        drawn, faces, *_ = trimesh.sample.sample_surface(shape.mesh, 2 * share, seed=int(rng.integers(2**31)))
-        points, normals = np.asarray(drawn, dtype=np.float64), np.asarray(shape.mesh.face_normals[faces])
+        drawn, faces, *_ = trimesh.sample.sample_surface(mesh, 2 * share, seed=int(rng.integers(2**31)))
+        points, normals = np.asarray(drawn, dtype=np.float64), np.asarray(mesh.face_normals[faces])
         usable = above_table(points)
         contacts = GraspContacts(points[usable], normals[usable], np.full(usable.sum(), number))
         parts.append(_draw(contacts, share, rng))
@@ -196,7 +194,7 @@ def _believed(
 
 def keep_free(
     grasps: Grasps,
-    shapes: Sequence[Shape],
+    occupancy: SceneOccupancy,
     objects: int,
     tabletop: Tabletop,
     gripper: Gripper,
@@ -209,8 +207,8 @@ def keep_free(
 
     Args:
         grasps: candidates, table frame, in the order in which they would be tried.
-        shapes: all that stands on the table; the hand may hit any of it.
-        objects: how many objects these are; `instances` of the grasps are their numbers.
+        occupancy: all shapes that stand on the table; the hand may hit any of them.
+        objects: how many objects there are; `instances` of the grasps are their numbers.
         tabletop: the measured points.
         gripper: the hand.
         search: the settings.
@@ -233,7 +231,7 @@ def keep_free(
             grasps.poses[batch],
             grasps.openings[batch],
             gripper,
-            partial(scene_occupancy, shapes),
+            occupancy,
             TABLE_HEIGHT,
             points=points,
         )

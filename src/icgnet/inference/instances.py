@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from icgnet.geometry.cells import grid_around
 from icgnet.geometry.visibility import visibility_grid

@@ -1,6 +1,6 @@
 """The predicted complete shapes of the objects in a scene."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +10,7 @@ import trimesh
 from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.special import expit
+from skimage import measure
 
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.inference.instances import Instance
@@ -29,8 +30,7 @@ GRID_PITCH = 0.006
 LEVEL_QUANTILE = 0.7
 LOWEST_LEVEL = -0.5
 """The surface is drawn where the logits are as high as this quantile of them at seen points, but within this and 0."""
-OUTSIDE = -10.0
-"""Logit where no shape is looked for."""
+POINTS_AT_ONCE = 65_536
 RAY_STEP = 0.002
 RAY_START = 0.010
 """A ray from a contact must meet the shape within this distance [m]."""
@@ -68,12 +68,11 @@ class Shape:
 
     def occupancy(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Occupancy probability at points of the table frame [m], interpolated in a lattice; 0 outside of the box."""
-        inside = np.flatnonzero(((points >= self.lower) & (points <= self.upper)).all(axis=1))
-        probability = np.zeros(len(points))
-        if len(inside):
-            index = (points[inside] - self.lower) / GRID_PITCH
-            probability[inside] = expit(ndimage.map_coordinates(self._lattice, index.T, order=1, mode="nearest"))
-        return probability
+        return self._alone(points)
+
+    @cached_property
+    def _alone(self) -> "SceneOccupancy":
+        return SceneOccupancy([self])
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -118,27 +117,6 @@ class Shape:
         width = np.where(width > limit, np.inf, width)
         return np.where(inside.any(axis=1) & (steps[entry] <= RAY_START), width, np.nan)
 
-    @cached_property
-    def _lattice(self) -> Float[np.ndarray, "x y z"]:
-        """Logits on a lattice: everywhere at twice the pitch, then at the pitch itself near surface and seen points."""
-        pitch = GRID_PITCH
-        cells = np.maximum(np.ceil((self.upper - self.lower) / (2 * pitch)), 1).astype(int)
-        coarse_index = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1)
-        coarse = self.logits((self.lower + 2 * pitch * coarse_index).reshape(-1, 3)).reshape(cells + 1)
-        fine_index = np.stack(np.meshgrid(*(np.arange(2 * n + 1) for n in cells), indexing="ij"))
-        fine = ndimage.map_coordinates(coarse, fine_index / 2, order=1)
-        near = np.argwhere(_near_surface(fine) | self._near_seen(fine.shape))
-        # Every other node is one of the coarse lattice, which is known.
-        near = near[(near % 2 != 0).any(axis=1)]
-        if len(near):
-            fine[tuple(near.T)] = self.logits(self.lower + pitch * near)
-        return fine
-
-    def _near_seen(self, nodes: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
-        """Nodes of the lattice next to a point that was seen."""
-        around = cells_with(self.seen, self.lower - 0.5 * GRID_PITCH, GRID_PITCH, nodes)
-        return ndimage.binary_dilation(around, np.ones((3, 3, 3), dtype=bool))
-
     @torch.no_grad()
     def _decode(self, points: torch.Tensor) -> torch.Tensor:
         if len(points) == 0:
@@ -148,12 +126,102 @@ class Shape:
         return self.network.decode_occupancy(self.instance.scene.embedding, query, points.to(device))[0].cpu()
 
 
-def scene_occupancy(shapes: Sequence[Shape], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Probability that a point of the table frame [m] is inside of any of the shapes."""
-    occupied = np.zeros(len(points))
-    for shape in shapes:
-        np.maximum(occupied, shape.occupancy(points), out=occupied)
-    return occupied
+class SceneOccupancy:
+    """Probability that points of the table frame [m] are inside of any of some shapes: what the hand could hit.
+
+    It is interpolated in a lattice around each shape, 0 outside of all boxes. The lattices are decoded when a point is
+    asked for that lies in their boxes, all that are missing then at once.
+    """
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        self._shapes = shapes
+        self._lattices: dict[int, Float[np.ndarray, "_ _ _"]] = {}
+
+    def __call__(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """The largest of the probabilities of all shapes."""
+        occupied = np.zeros(len(points))
+        inside = {}
+        for number, shape in enumerate(self._shapes):
+            rows = np.flatnonzero(((points >= shape.lower) & (points <= shape.upper)).all(axis=1))
+            if len(rows):
+                inside[number] = rows
+        self._decode(inside)
+        for number, rows in inside.items():
+            index = (points[rows] - self._shapes[number].lower) / GRID_PITCH
+            logits = ndimage.map_coordinates(self._lattices[number], index.T, order=1, mode="nearest")
+            occupied[rows] = np.maximum(occupied[rows], expit(logits))
+        return occupied
+
+    def rough_meshes(self, numbers: Sequence[int]) -> list[trimesh.Trimesh]:
+        """Surfaces of some of the shapes in the table frame [m] as the lattices have them; open where a box ends."""
+        self._decode(numbers)
+        meshes = []
+        for number in numbers:
+            lattice, shape = self._lattices[number], self._shapes[number]
+            if not lattice.min() < shape.level < lattice.max():
+                meshes.append(trimesh.Trimesh())
+                continue
+            corners, faces, *_ = measure.marching_cubes(
+                lattice, shape.level, spacing=(GRID_PITCH,) * 3, gradient_direction="ascent"
+            )
+            meshes.append(trimesh.Trimesh(corners + shape.lower, faces, process=False))
+        return meshes
+
+    def _decode(self, numbers: Iterable[int]) -> None:
+        missing = [number for number in numbers if number not in self._lattices]
+        self._lattices |= zip(missing, decode_lattices([self._shapes[number] for number in missing]), strict=True)
+
+
+def decode_lattices(shapes: Sequence[Shape]) -> list[Float[np.ndarray, "_ _ _"]]:
+    """Logits of each shape on a lattice: at its pitch near surface and seen points, elsewhere at twice the pitch."""
+    cells = [np.maximum(np.ceil((each.upper - each.lower) / (2 * GRID_PITCH)), 1).astype(int) for each in shapes]
+    nodes = [
+        np.stack(np.meshgrid(*(np.arange(n + 1) for n in each), indexing="ij"), -1).reshape(-1, 3) for each in cells
+    ]
+    coarse = _decode_together(
+        shapes, [each.lower + 2 * GRID_PITCH * index for each, index in zip(shapes, nodes, strict=True)]
+    )
+    lattices, near = [], []
+    for shape, count, values in zip(shapes, cells, coarse, strict=True):
+        fine_index = np.stack(np.meshgrid(*(np.arange(2 * n + 1) for n in count), indexing="ij"))
+        fine = ndimage.map_coordinates(values.reshape(count + 1), fine_index / 2, order=1)
+        wanted = np.argwhere(_near_surface(fine) | _near_seen(shape, fine.shape))
+        # Every other node is one of the coarse lattice, which is known.
+        near.append(wanted[(wanted % 2 != 0).any(axis=1)])
+        lattices.append(fine)
+    exact = _decode_together(
+        shapes, [each.lower + GRID_PITCH * index for each, index in zip(shapes, near, strict=True)]
+    )
+    for fine, index, values in zip(lattices, near, exact, strict=True):
+        fine[tuple(index.T)] = values
+    return lattices
+
+
+@torch.no_grad()
+def _decode_together(
+    shapes: Sequence[Shape], points: Sequence[Float[np.ndarray, "_ 3"]]
+) -> list[Float[np.ndarray, "_"]]:
+    """Occupancy logits of each shape at its own points [m]."""
+    counts = [len(each) for each in points]
+    if sum(counts) == 0:
+        return [np.zeros(0) for _ in shapes]
+    network, embedding = shapes[0].network, shapes[0].instance.scene.embedding
+    queries = torch.tensor([each.instance.query for each in shapes], device=network.device)
+    rows = torch.arange(len(shapes), device=network.device).repeat_interleave(
+        torch.tensor(counts, device=network.device)
+    )
+    together = torch.from_numpy(np.concatenate(points).astype(np.float32)).to(network.device)
+    logits = [
+        network.decode_occupancy_pairs(embedding, queries, part, row[:, None])[:, 0].cpu()
+        for part, row in zip(together.split(POINTS_AT_ONCE), rows.split(POINTS_AT_ONCE), strict=True)
+    ]
+    return np.split(torch.cat(logits).numpy().astype(np.float64), np.cumsum(counts)[:-1])
+
+
+def _near_seen(shape: Shape, nodes: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
+    """Nodes of the lattice next to a point that was seen."""
+    around = cells_with(shape.seen, shape.lower - 0.5 * GRID_PITCH, GRID_PITCH, nodes)
+    return ndimage.binary_dilation(around, np.ones((3, 3, 3), dtype=bool))
 
 
 def _near_surface(logits: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:

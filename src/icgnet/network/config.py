@@ -12,7 +12,7 @@ from icgnet.settings import check_choices, check_range, read_settings
 Precision = Literal["auto", "float32", "bfloat16"]
 """In how many bits the U-Nets compute; auto is bfloat16 where the processor or card has instructions for it."""
 
-FRANKA = load_gripper("franka")
+FRANKA, FAMILY = load_gripper("franka"), HandFamily()
 LARGEST_OFFSET, LARGEST_FACTOR = 0.5, 10.0
 MOST_RAYS = 100.0
 WIDEST_LAYER = 4096.0
@@ -144,7 +144,7 @@ class NetworkConfig:
     affordance: Literal["contact", "hand"] = "hand"
     """Affordance read at the contact, 12 logits at once (published), or at points of the hand, angle by angle."""
     hand: HandConfig = HandConfig()
-    family: HandFamily = HandFamily()
+    family: HandFamily = FAMILY
     """The hands that a network for any of them has learned from."""
 
     def __post_init__(self) -> None:

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy import ndimage
 from torch import Tensor, nn
 
-from icgnet.network.batch_norm import GridBatchNorm
 from icgnet.geometry.cells import PITCH, CellGrid
+from icgnet.network.batch_norm import GridBatchNorm
 from icgnet.network.config import NetworkConfig
 from icgnet.network.dense_map import DenseMap
 
