@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icgnet.errors import InputError
+from icgnet.geometry.cells import CellGrid
 from icgnet.geometry.clouds import voxel_downsample
 from icgnet.geometry.transforms import transform_points, yaw_about
 from icgnet.geometry.visibility import visibility_grid
@@ -126,7 +127,25 @@ def test_camera_in_the_centre_of_the_workspace_is_refused():
         visibility_grid(np.zeros((0, 3)), CENTRE)
 
 
-def test_cell_size_and_truncation_are_free():
-    grid = visibility_grid(np.zeros((0, 3)), np.array([0.15, 0.15, 0.7]), cells=10, pitch=0.03, truncation=0.06)
-    assert grid.shape == (10, 10, 10)
-    assert np.allclose(grid[5, 5, 1], (0.045 - TABLE_HEIGHT) / 0.06, atol=0.01)
+def test_grid_and_truncation_are_free():
+    cells = CellGrid((-8, 8, 0), (48, 24, 16))
+    grid = visibility_grid(np.zeros((0, 3)), np.array([0.15, 0.20, 0.7]), cells, truncation=0.06)
+    assert grid.shape == (48, 24, 16)
+    assert np.allclose(grid[23, 12, 4], (0.045 - TABLE_HEIGHT) / 0.06, atol=0.01)
+
+
+@views
+def test_a_cell_has_the_same_value_in_a_larger_grid(viewpoint):
+    ball = visible_ball(viewpoint)
+    whole = visibility_grid(ball, viewpoint, CellGrid((-8, -16, 0), (48, 56, 40)))
+    # The pixels are a little smaller, since the middle is elsewhere: what differs is along the ball's outline.
+    differs = np.abs(whole[8:38, 16:46, :30] - visibility_grid(ball, viewpoint)) > 0.1
+    assert differs.mean() < 0.02
+
+
+def test_a_scene_that_moves_over_the_table_with_its_grid_looks_the_same():
+    viewpoint, step = np.array(VIEWS[0]), np.array([0.24, -0.48, 0.0])
+    ball = visible_ball(viewpoint)
+    here = visibility_grid(ball, viewpoint, CellGrid((0, 0, 0), (32, 32, 32)))
+    there = visibility_grid(ball + step, viewpoint + step, CellGrid((24, -48, 0), (32, 32, 32)))
+    assert (np.abs(here - there) > 1e-3).mean() < 1e-3

@@ -70,5 +70,17 @@ def test_of_too_large_a_scene_the_middle_is_looked_at_and_the_rest_is_counted(mo
     seen, left_out = encode(tiny_network(), tabletop)
     assert seen is not None
     assert left_out == 3000 - len(seen.rows) > 0
-    offsets = np.abs(tabletop.cloud.points[:, 0] - np.median(tabletop.cloud.points[:, 0]))
+    places = tabletop.cloud.points[:, :2]
+    middle = places[np.abs(places - np.median(places, axis=0)).max(axis=1).argmin()]
+    offsets = np.abs(places - middle).max(axis=1)
     assert offsets[seen.rows].max() <= np.delete(offsets, seen.rows).min() + 1e-9
+
+
+def test_of_two_groups_far_apart_one_is_looked_at(monkeypatch):
+    monkeypatch.setattr(instances, "MOST_CELLS", 40 * 40 * 40)
+    tabletop = band()
+    tabletop.cloud.points[:1500, 0] -= 1.0
+    tabletop.cloud.points[1500:, 0] += 1.0
+    seen, left_out = encode(tiny_network(), tabletop)
+    assert seen is not None
+    assert left_out > 0

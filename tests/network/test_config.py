@@ -29,6 +29,8 @@ def test_unknown_fields_are_named():
         {"voxel_size": 0.0},
         {"tokens_per_level": (0, 1, 1, 1)},
         {"classes": ()},
+        {"reach": 0.0},
+        {"seed_spacing": 0.0},
     ],
 )
 def test_sizes_that_make_no_network_are_input_errors(change):
@@ -54,8 +56,19 @@ def test_the_same_hand_under_another_name_is_the_same_configuration():
 
 
 def test_a_hand_that_the_network_does_not_know_is_refused():
-    config = NETWORKS["tiny"]
+    config = replace(NETWORKS["tiny"], affordance="contact")
     config.check_hand(replace(config.gripper, name="mine"), "the scenes")
     message = r"the scenes have the hand 'x', .* know only 'franka' \('x' has friction 1 instead of 0.75\)"
     with pytest.raises(InputError, match=message):
         config.check_hand(replace(config.gripper, name="x", friction=1.0), "the scenes")
+
+
+def test_a_network_that_reads_at_the_hand_takes_any():
+    config = NETWORKS["tiny"]
+    assert config.any_hand
+    config.check_hand(replace(config.gripper, name="x", friction=1.0), "the scenes")
+
+
+def test_only_a_network_of_fixed_extent_has_a_number_of_instances():
+    assert NETWORKS["paper"].most_instances == 32
+    assert NETWORKS["default"].most_instances is None

@@ -26,6 +26,18 @@ def test_nearest_reads_the_cell_that_contains_the_point():
     assert torch.equal(dense_map.nearest(points), expected)
 
 
+def test_a_map_with_an_origin_reads_what_the_shifted_one_reads_without():
+    features = random_map(6).features
+    origin = (0.24, -0.48, 0.08)
+    here, there = DenseMap(features, 0.01), DenseMap(features, 0.01, origin)
+    # Some beyond the border, too.
+    points = torch.rand(50, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * 0.08 - 0.01
+    moved = points + torch.tensor(origin, dtype=torch.float64)
+    torch.testing.assert_close(there.trilinear(moved), here.trilinear(points))
+    assert torch.equal(there.nearest(moved), here.nearest(points))
+    assert (there.trilinear(points) - here.trilinear(points)).abs().max() > 0.1
+
+
 def test_trilinear_and_its_gradients_equal_grid_sample():
     dense_map = random_map()
     points = (torch.rand(50, 3, dtype=torch.float64) * 0.1 - 0.02).requires_grad_()

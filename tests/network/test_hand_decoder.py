@@ -2,8 +2,9 @@ import numpy as np
 import torch
 
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_rotations
-from icgnet.network.config import HandConfig
-from icgnet.network.hand_decoder import control_points, hand_frames, table_clearance
+from icgnet.network.config import FRANKA, HandConfig
+from icgnet.network.hand_decoder import hand_frames, table_clearance
+from icgnet.network.hand_input import HandInput
 
 
 def random_normals(count: int = 20) -> torch.Tensor:
@@ -22,21 +23,15 @@ def test_control_points_turn_with_the_scene():
     normals = random_normals()[:20]
     angle = torch.tensor(0.7)
     yaw = torch.tensor([[angle.cos(), -angle.sin(), 0], [angle.sin(), angle.cos(), 0], [0, 0, 1.0]])
-    points = hand_frames(normals, 12) @ control_points(HandConfig()).t()
-    turned = hand_frames(normals @ yaw.t(), 12) @ control_points(HandConfig()).t()
+    own = HandInput.of(FRANKA, HandConfig()).points.t()
+    points = hand_frames(normals, 12) @ own
+    turned = hand_frames(normals @ yaw.t(), 12) @ own
     torch.testing.assert_close(turned, yaw @ points, atol=1e-6, rtol=0)
 
 
 def test_approach_is_from_above_in_the_middle_of_the_angles_at_a_wall():
     frames = hand_frames(torch.tensor([[1.0, 0, 0]]), 3)
     torch.testing.assert_close(frames[0, 1, :, 2], torch.tensor([0.0, 0, -1]))
-
-
-def test_control_points_are_all_combinations_in_the_order_sideways_normal_approach():
-    hand = HandConfig(normal=(0.02, -0.1), approach=(-0.07,), sideways=(0.012,))
-    torch.testing.assert_close(control_points(hand), torch.tensor([[0.012, 0.02, -0.07], [0.012, -0.1, -0.07]]))
-    assert hand.points == 2
-    assert len(control_points(HandConfig())) == HandConfig().points == 56
 
 
 def test_clearance_is_measured_from_the_table_in_units_of_two_centimetres():

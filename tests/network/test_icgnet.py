@@ -7,7 +7,7 @@ from torch import nn
 
 from icgnet.errors import InputError
 from icgnet.network.config import NETWORKS, NetworkConfig
-from icgnet.network.hand_decoder import WIDTH_MARGIN
+from icgnet.network.hand_input import WIDTH_MARGIN, HandInput
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.inputs import SceneInput, make_scene_input
 
@@ -28,6 +28,10 @@ def two_spheres(config: NetworkConfig, seed: int = 0, radius: float = 0.025) -> 
 def network(config: NetworkConfig = NETWORKS["tiny"]) -> IcgNet:
     torch.manual_seed(0)
     return IcgNet(config).eval()
+
+
+def hand_of(net: IcgNet) -> HandInput:
+    return net.hand_input(net.config.gripper)
 
 
 def count(module: nn.Module) -> int:
@@ -65,11 +69,14 @@ def test_predictions_have_the_promised_shapes_at_every_decoded_stage(name):
     contacts, normals = scene.positions[:7], torch.tensor([[1.0, 0, 0]]).expand(7, 3)
     for stage in range(5):
         output = embedding.stages[stage]
-        assert output.mask_logits.shape == (len(scene.voxels), config.queries)
-        assert output.class_logits.shape == (config.queries, len(config.classes) + 1)
+        queries = len(embedding.query_positions)
+        assert queries == config.queries or config.any_extent
+        assert output.mask_logits.shape == (len(scene.voxels), queries)
         if stage in config.decoded_stages:
+            assert output.class_logits.shape == (queries, len(config.classes) + 1)
             logits = net.decode_occupancy(embedding, torch.tensor([3, 1]), contacts, stage)
-            affordance = net.decode_affordance(embedding, torch.zeros(7, dtype=torch.long), contacts, normals, stage)
+            owners = torch.zeros(7, dtype=torch.long)
+            affordance = net.decode_affordance(embedding, owners, contacts, normals, hand_of(net), stage)
             assert logits.shape == (2, 7)
             assert affordance.logits.shape == (7, 12)
             assert affordance.widths.shape == affordance.contact_logits.shape == (7,)
@@ -83,7 +90,8 @@ def test_width_is_positive_and_bounded():
     scene, _ = two_spheres(net.config)
     (embedding,) = net.encode([scene])
     normals = nn.functional.normalize(torch.randn(50, 3), dim=1)
-    widths = net.decode_affordance(embedding, torch.zeros(50).long(), scene.positions[:50], normals).widths
+    owners, contacts = torch.zeros(50).long(), scene.positions[:50]
+    widths = net.decode_affordance(embedding, owners, contacts, normals, hand_of(net)).widths
     assert (widths > 0).all()
     assert (widths < net.config.gripper.max_opening + WIDTH_MARGIN).all()
 
@@ -159,7 +167,8 @@ def test_every_parameter_learns():
         loss = sum(stage.mask_logits.mean() + stage.class_logits.mean() for stage in embedding.stages)
         normals = nn.functional.normalize(torch.randn(30, 3), dim=1)
         for stage in config.decoded_stages:
-            affordance = net.decode_affordance(embedding, torch.zeros(30).long(), scene.positions[:30], normals, stage)
+            owners, contacts = torch.zeros(30).long(), scene.positions[:30]
+            affordance = net.decode_affordance(embedding, owners, contacts, normals, hand_of(net), stage)
             loss = loss + affordance.logits.mean() + affordance.widths.mean() + affordance.contact_logits.mean()
             loss = loss + net.decode_occupancy(embedding, torch.arange(2), scene.positions, stage).mean()
         loss.backward()
@@ -211,7 +220,7 @@ def test_tiny_network_learns_one_scene():
     losses = []
     for _ in range(16):
         (embedding,) = net.encode([scene])
-        affordance = net.decode_affordance(embedding, rows, contacts, normals)
+        affordance = net.decode_affordance(embedding, rows, contacts, normals, hand_of(net))
         terms = torch.stack(
             [
                 nn.functional.binary_cross_entropy_with_logits(embedding.stages[-1].mask_logits[:, :2], masks),

@@ -1,6 +1,7 @@
+import pytest
 import torch
 
-from icgnet.network.neighbours import NeighbourSearch, farthest_points
+from icgnet.network.neighbours import NeighbourSearch, farthest_points, spaced_points
 
 
 def test_nearest_equals_sorting_all_distances():
@@ -36,3 +37,28 @@ def test_farthest_points_of_a_small_set_repeat():
     rows = farthest_points(torch.tensor([[0.0, 0, 0], [1, 0, 0]]), 4)
     assert set(rows.tolist()) == {0, 1}
     assert len(rows) == 4
+
+
+@pytest.mark.parametrize("spacing", [0.01, 0.03, 0.2])
+def test_spaced_points_keep_their_distance_and_are_near_to_all(spacing):
+    points = torch.rand(400, 3, generator=torch.Generator().manual_seed(3)) * torch.tensor([0.3, 0.2, 0.1])
+    rows = spaced_points(points, spacing)
+    apart = torch.cdist(points[rows], points[rows]).fill_diagonal_(torch.inf)
+    assert apart.min() > spacing
+    assert torch.cdist(points, points[rows]).amin(1).max() <= spacing
+    assert len(rows) > 1
+
+
+def test_spaced_points_of_sets_far_apart_are_those_of_each():
+    first, second = torch.rand(2, 150, 3, generator=torch.Generator().manual_seed(4)) * 0.1
+    second = second + torch.tensor([0.5, 0.0, 0.0])
+    # Mixed rows, since voxels of two scenes side by side lie between each other, too.
+    order = torch.randperm(300, generator=torch.Generator().manual_seed(5))
+    rows = order[spaced_points(torch.cat([first, second])[order], 0.03)]
+    own = order[order < 150], order[order >= 150]
+    alone = torch.cat([own[0][spaced_points(first[own[0]], 0.03)], own[1][spaced_points(second[own[1] - 150], 0.03)]])
+    assert sorted(rows.tolist()) == sorted(alone.tolist())
+
+
+def test_one_point_is_enough_for_a_speck():
+    assert spaced_points(torch.tensor([[0.1, 0.1, 0.1], [0.11, 0.1, 0.1]]), 0.03).tolist() == [0]

@@ -9,6 +9,7 @@ from icgnet.errors import InputError
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import SIZE, TABLE_HEIGHT
 from icgnet.network.config import NETWORKS
+from icgnet.network.hand_input import HandInput
 from icgnet.sensors.config import SensorNoise
 from icgnet.simulation.surroundings import BIN_WALL, Surroundings, block
 from icgnet.training import observation
@@ -100,13 +101,27 @@ def test_contacts_are_on_their_instance(crops):
             assert torch.linalg.norm(own - sample.contacts[index], dim=1).min() < 0.02
 
 
-def test_another_hand_gives_masks_and_shapes_but_no_contacts(wide, shapes):
+def test_a_published_network_gets_masks_and_shapes_of_another_hand_but_no_contacts(wide, shapes):
     hand = replace(HEADER.gripper, finger_force=HEADER.gripper.finger_force + 1.0)
     others = [replace(each, gripper=hand) for each in wide]
-    sample = RecipeDataset(others, {"shapes": shapes}, SAMPLING, TINY, 0)[0]
+    published = replace(TINY, affordance="contact")
+    sample = RecipeDataset(others, {"shapes": shapes}, SAMPLING, published, 0)[0]
     assert len(sample.contacts) == len(sample.labels) == 0
     assert (sample.voxel_instances >= 0).any()
     assert sample.occupancy.any()
+
+
+def test_contacts_come_with_the_hand_that_their_labels_are_of(wide, shapes):
+    hand = replace(HEADER.gripper, finger_force=HEADER.gripper.finger_force + 1.0, max_opening=0.1)
+    others = [replace(each, gripper=hand) for each in wide]
+    own, other = (RecipeDataset(each, {"shapes": shapes}, SAMPLING, TINY, 0)[0] for each in (wide, others))
+    assert len(other.contacts) > 0
+    for sample, gripper in ((own, HEADER.gripper), (other, hand)):
+        wanted = HandInput.of(gripper, TINY.hand)
+        assert torch.equal(sample.hand.points, wanted.points)
+        assert torch.equal(sample.hand.numbers, wanted.numbers)
+        assert sample.hand.width_limit == wanted.width_limit
+    assert not torch.equal(own.hand.points, other.hand.points)
 
 
 def test_the_same_visit_gives_the_same_crop(wide, shapes, crops):

@@ -17,8 +17,9 @@ TINY = NETWORKS["tiny"]
 
 
 def flat(sample):
-    inner = {f"input.{key}": value for key, value in vars(sample.input).items()}
-    return inner | {key: value for key, value in vars(sample).items() if isinstance(value, torch.Tensor)}
+    parts = {"input": sample.input, "hand": sample.hand}
+    inner = {f"{name}.{key}": value for name, part in parts.items() for key, value in vars(part).items()}
+    return {key: value for key, value in (inner | vars(sample)).items() if isinstance(value, torch.Tensor)}
 
 
 def test_same_visit_gives_the_same_sample(make_dataset):

@@ -30,8 +30,8 @@ def wide_data(tmp_path):
     return tmp_path / "wide"
 
 
-def write_tiny(path, header=HEADER):
-    save_weights(path, IcgNet(network_for("tiny", header)), {})
+def write_tiny(path, header=HEADER, **changes):
+    save_weights(path, IcgNet(replace(network_for("tiny", header), **changes)), {})
     return path
 
 
@@ -90,13 +90,19 @@ def test_a_run_does_not_go_on_with_data_of_another_hand(train_shapes, wide_data,
         train_shapes(CONFIG, tmp_path / "out")
 
 
-def test_weights_are_judged_and_calibrated_on_their_own_hand_only(wide_data, tmp_path):
-    weights = write_tiny(tmp_path / "w.safetensors")
+def test_weights_of_the_published_kind_are_judged_and_calibrated_on_their_own_hand_only(wide_data, tmp_path):
+    weights = write_tiny(tmp_path / "w.safetensors", affordance="contact")
     message = r"the scenes in .*wide have the hand 'wide', but the weights know only 'franka'"
     with pytest.raises(InputError, match=message):
         evaluate_weights(weights, [wide_data], ["procedural"])
     with pytest.raises(InputError, match=message):
         calibrate_weights(weights, [wide_data], ["procedural"], tmp_path / "out.safetensors")
+
+
+def test_others_are_judged_on_any_hand(wide_data, shapes, monkeypatch, tmp_path):
+    monkeypatch.setattr("icgnet.training.validation.load_object_set", lambda source: shapes)
+    weights = write_tiny(tmp_path / "w.safetensors")
+    assert evaluate_weights(weights, [wide_data], ["shapes"])["all"]["scenes"] > 0
 
 
 def test_weights_are_judged_on_data_of_more_classes(data, shapes, monkeypatch, tmp_path):

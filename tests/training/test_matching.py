@@ -52,6 +52,17 @@ def test_a_network_that_computes_nan_gets_some_assignment():
     assert len(set(queries.tolist())) == len(masks)
 
 
+def test_with_fewer_queries_than_instances_each_gets_one_and_all_queries_serve():
+    masks, classes = torch.arange(40) // 8 == torch.arange(5)[:, None], torch.tensor([0, 3, 6, 1, 2])
+    # Query 0 covers the first three instances together, query 1 the other two.
+    covered = torch.stack([masks[:3].any(0), masks[3:].any(0)], 1)
+    mask_logits = torch.where(covered, 8.0, -8.0)
+    matched = match_queries(mask_logits, torch.zeros(2, 8), masks, classes, MatchingCosts())
+    assert matched.tolist() == [0, 0, 0, 1, 1]
+    one = match_queries(mask_logits[:, :1], torch.zeros(1, 8), masks, classes, MatchingCosts())
+    assert one.tolist() == [0] * 5
+
+
 def test_instance_gets_a_query_that_was_seeded_on_it():
     mask_logits, class_logits, masks, classes = random_problem()
     free = match_queries(mask_logits, class_logits, masks, classes, MatchingCosts())

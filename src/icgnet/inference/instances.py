@@ -96,7 +96,9 @@ def _around(tabletop: Tabletop) -> Int[np.ndarray, "n"]:
 def _affordable(tabletop: Tabletop, rows: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
     """The points that are looked at: all, or those that are nearest to the middle of what may be an object."""
     points = tabletop.cloud.points[rows]
-    middle = np.median(tabletop.cloud.points[tabletop.standing][:, :2], axis=0)
+    standing = tabletop.cloud.points[tabletop.standing][:, :2]
+    # The median itself may lie far from all, between two groups.
+    middle = standing[np.abs(standing - np.median(standing, axis=0)).max(axis=1).argmin()]
     distance = np.abs(points[:, :2] - middle).max(axis=1)
     limit = np.inf if len(rows) <= MOST_POINTS else float(np.partition(distance, MOST_POINTS)[MOST_POINTS])
     while np.prod(grid_around(points[distance <= limit]).shape) > MOST_CELLS:

@@ -131,10 +131,7 @@ class DenseUNet(nn.Module):
         """
         outputs = self._maps(inputs) if self.training or not self.near_points_only else self._maps_apart(inputs)
         return tuple(
-            tuple(
-                DenseMap(output[scene].permute(1, 2, 3, 0).float().contiguous(), PITCH * stride, grid.origin)
-                for output, stride in zip(outputs, STRIDES, strict=True)
-            )
+            tuple(_map_of(output[scene], grid, stride) for output, stride in zip(outputs, STRIDES, strict=True))
             for scene, grid in enumerate(grids)
         )
 
@@ -162,7 +159,7 @@ class DenseUNet(nn.Module):
         What it costs then goes with what is occupied, not with the extent.
         """
         parts = _parts(active_cells(inputs[:, :1], len(self.encoder))[-1])
-        if len(parts) == 1:
+        if len(parts) <= 1:
             return self._maps(inputs)
         outputs: list[Tensor] = []
         for scene, cells, box in parts:
@@ -176,6 +173,13 @@ class DenseUNet(nn.Module):
                 # Boxes may overlap; each part has nothing but zeros where others are.
                 whole[scene, :, *_scaled(box, COARSEST // stride)] += values[0]
         return outputs
+
+
+def _map_of(features: Float[Tensor, "c x y z"], grid: CellGrid, stride: int) -> DenseMap:
+    """The map of a scene, without what lies beyond its grid."""
+    size_x, size_y, size_z = (-(-cells // stride) for cells in grid.shape)
+    own = features[:, :size_x, :size_y, :size_z].permute(1, 2, 3, 0)
+    return DenseMap(own.float().contiguous(), PITCH * stride, grid.origin)
 
 
 class CoarseVolume(nn.Module):

@@ -26,6 +26,9 @@ GROUP_SIZE = 0.15
 """Queries in a tile of this edge attend together [m]: about as large as the objects that they are on."""
 SEED_LEVEL = 2
 """Tokens that queries are seeded on, where they are seeded by area: 6 mm."""
+OFF_MIDDLE = (1e-4, 2e-4, 3e-4)
+"""Seeds are the voxels nearest to a place so far from a token's middle [m]: of two voxels both are as near to that, and
+rounding would choose."""
 OUT_OF_REACH = -20.0
 """Logit of a mask at a voxel that is farther from the query's seed than it may reach."""
 
@@ -70,6 +73,8 @@ class MaskScene:
     """Where these are for every query."""
     far: Bool[Tensor, "q v"]
     """Which of them are out of a query's reach."""
+    middle: Float[Tensor, "3"]
+    """What moments are taken about, see `middle_on_table` [m, table frame]."""
     moments: Float[Tensor, "v m"]
     """Positions and their products, see `position_moments`; sums of them under a mask tell its place and extent."""
     seeds: Float[Tensor, "q 3"]
@@ -80,6 +85,12 @@ class MaskScene:
     """What it reads at single voxels, see `ClassHead.look_at`."""
 
 
+def middle_on_table(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "3"]:
+    """The middle of a scene at the height of the table: what moments are taken about, for the precision of squares."""
+    middle = 0.5 * (positions.amin(0) + positions.amax(0))
+    return torch.cat([middle[:2], middle.new_tensor([TABLE_HEIGHT])])
+
+
 def tiles(points: Float[Tensor, "n 3"], size: float) -> tuple[Int[Tensor, "_"], ...]:
     """Rows of the points in each square tile of this edge [m] that holds any."""
     cells = torch.floor(points[:, :2] / size)
@@ -87,13 +98,9 @@ def tiles(points: Float[Tensor, "n 3"], size: float) -> tuple[Int[Tensor, "_"], 
     return tile.argsort(stable=True).split(torch.bincount(tile).tolist())
 
 
-MOMENT_ORIGIN = (0.15, 0.15, TABLE_HEIGHT)
-"""Where moments are taken about [m, workspace frame]: the middle of the table, for the precision of their squares."""
-
-
-def position_moments(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "v 11"]:
-    """1, position, its products xx, xy, xz, yy, yz, zz [m, m^2; about `MOMENT_ORIGIN`], and the 8th power of height."""
-    centred = positions - positions.new_tensor(MOMENT_ORIGIN)
+def position_moments(positions: Float[Tensor, "v 3"], middle: Float[Tensor, "3"]) -> Float[Tensor, "v 11"]:
+    """1, position, its products xx, xy, xz, yy, yz, zz [m, m^2; about the middle], and the 8th power of height."""
+    centred = positions - middle
     eighth = (centred[:, 2:] / EXTENT_UNIT).clamp(min=0).pow(8)
     return torch.cat([torch.ones_like(eighth), centred, second_moments(centred), eighth], 1)
 
@@ -130,7 +137,7 @@ class SeededMaskHead(MaskHead):
         queries = self.norm(queries)
         embedded = self.embed(queries)
         of_place = scene.places.dot(embedded @ self.place.weight)
-        of_ball = ball_weights(self.ball(queries), scene.seeds)
+        of_ball = ball_weights(self.ball(queries), scene.seeds - scene.middle)
         # One product for all three: what comes out is the largest thing in the network.
         read = torch.cat([scene.features, scene.places.of_points, scene.moments[:, :BALL_MOMENTS]], 1)
         logits = torch.addmm(read.new_ones(1), read, torch.cat([embedded, of_place, of_ball], 1).t())
@@ -148,9 +155,9 @@ def ball_weights(balls: Float[Tensor, "q 4"], seeds: Float[Tensor, "q 3"]) -> Fl
 
     Args:
         balls: offset of the centre from the seed in units of 5 cm, and logarithm of the size in units of 3 cm.
-        seeds: where the queries were seeded [m].
+        seeds: where the queries were seeded, from what moments are taken about [m].
     """
-    centres = seeds - seeds.new_tensor(MOMENT_ORIGIN) + BALL_OFFSET * balls[:, :3]
+    centres = seeds + BALL_OFFSET * balls[:, :3]
     precision = (BALL_SIZE * balls[:, 3:].clamp(-1.5, 1.5).exp()) ** -2
     # |p - c|^2 = |c|^2 - 2 c p + |p|^2: one product of the moments up to the squares xx, yy and zz.
     square = centres.square().sum(1, keepdim=True)
@@ -374,11 +381,13 @@ class QueryRefinement(nn.Module):
             far=self._far(positions, positions),
             groups=tiles(positions, GROUP_SIZE) if self.config.any_extent else (torch.arange(len(rows)),),
         )
+        middle = middle_on_table(finest.positions)
         scene = MaskScene(
             features=self.mask_head.project(finest.features),
             places=encoding.places(finest.positions, positions, bounds),
             far=self._far(positions, finest.positions),
-            moments=position_moments(finest.positions),
+            middle=middle,
+            moments=position_moments(finest.positions, middle),
             seeds=positions,
             described=self.class_head.describe(levels),
             looked_at=self.class_head.look_at(levels),
@@ -409,8 +418,8 @@ class QueryRefinement(nn.Module):
         if not self.config.any_extent:
             return farthest_points(finest.positions, self.config.queries)
         coarser = levels[SEED_LEVEL]
-        rows = spaced_points(coarser.positions, self.config.seed_spacing)
-        return finest.search.nearest(coarser.positions[rows], 1)[:, 0]
+        places = coarser.positions[spaced_points(coarser.positions, self.config.seed_spacing)]
+        return finest.search.nearest(places + places.new_tensor(OFF_MIDDLE), 1)[:, 0]
 
     def _far(self, seeds: Float[Tensor, "q 3"], points: Float[Tensor, "t 3"]) -> Bool[Tensor, "q t"]:
         """Which points are out of the reach of a query."""
