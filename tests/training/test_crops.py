@@ -56,16 +56,20 @@ def crops(wide, shapes):
     return [dataset[visit] for visit in VISITS]
 
 
-def inside_cube(points):
-    """Points [m], but for roundings on the way to the world and back."""
-    return ((points >= -1e-6) & (points <= SIZE + 1e-6)).all()
+def inside(points, grid):
+    """Whether points [m] lie in a grid, but for roundings on the way to the world and back."""
+    lower, upper = points.new_tensor(grid.origin), points.new_tensor(grid.end)
+    return ((points >= lower - 1e-6) & (points <= upper + 1e-6)).all()
 
 
-def test_everything_of_a_crop_lies_in_the_cube(crops):
+def test_everything_of_a_crop_lies_in_it(crops):
     for sample in crops:
-        assert inside_cube(sample.input.positions)
-        assert inside_cube(sample.occupancy_points)
-        assert inside_cube(sample.contacts)
+        grid = sample.input.grid
+        assert grid.end[0] - grid.origin[0] == pytest.approx(SAMPLING.crop)
+        assert grid.origin[0] + grid.end[0] == pytest.approx(SIZE)
+        assert inside(sample.input.positions, grid)
+        assert inside(sample.occupancy_points, grid)
+        assert inside(sample.contacts, grid)
     assert sum(len(sample.contacts) for sample in crops) > 50
 
 

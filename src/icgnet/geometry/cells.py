@@ -29,6 +29,16 @@ class CellGrid:
         x, y, z = self.lower
         return (x * PITCH, y * PITCH, z * PITCH)
 
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """Where the grid ends [m, table frame]."""
+        (x, y, z), (width, depth, height) = self.lower, self.shape
+        return ((x + width) * PITCH, (y + depth) * PITCH, (z + height) * PITCH)
+
+    def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Which points [m, table frame] lie in it, its faces included."""
+        return np.all((points >= np.array(self.origin)) & (points <= np.array(self.end)), axis=1)
+
     def cells(self, points: Float[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
         """The cell of each point [m, table frame], and whether it belongs to the grid."""
         cells = np.floor(points / PITCH).astype(np.int64) - np.array(self.lower)
@@ -38,6 +48,13 @@ class CellGrid:
 _EDGE = round(SIZE / PITCH)
 WORKSPACE_CELLS = CellGrid((0, 0, 0), (_EDGE, _EDGE, _EDGE))
 """The cells of the workspace."""
+
+
+def cube_of_cells(edge: float) -> CellGrid:
+    """The cube on the table about the middle of the workspace's, with this edge [m], to the next even cell."""
+    cells = 2 * round(edge / PITCH / 2)
+    first = (_EDGE - cells) // 2
+    return CellGrid((first, first, 0), (cells, cells, cells))
 
 
 def grid_around(points: Float[np.ndarray, "n 3"]) -> CellGrid:

@@ -144,7 +144,9 @@ class Sampling:
         table_views: where cameras may stand around a place on a table.
         bin_views: the same in a bin.
         cameras: names of those that see tables and bins, each with its own noise.
-        tsdf: share of visits whose cloud comes from a truncated signed distance grid instead of the pixels themselves.
+        crop: edge of the part of a table or bin that a visit shows [m].
+        tsdf: share of visits of packed and pile scenes whose cloud comes from a truncated signed distance grid instead
+            of the pixels themselves.
         half_resolution: share of the other visits with 320 x 240 instead of 640 x 480 pixels.
         table_jitter: largest error of the height at which the table is cut off [m].
         turn: whether everything is turned about the vertical through the workspace's centre.
@@ -167,6 +169,7 @@ class Sampling:
     table_views: tuple[ViewRange, ...] = TABLE_VIEWS
     bin_views: tuple[ViewRange, ...] = BIN_VIEWS
     cameras: tuple[str, ...] = tuple(CAMERAS)
+    crop: float = 0.4
     tsdf: float = 0.4
     half_resolution: float = 0.5
     table_jitter: float = 0.0015
@@ -191,6 +194,7 @@ class Sampling:
         check_range(self, 0.0, *shares, most=1.0)
         check_range(self, 0.0, "table_jitter", "translation", "contact_jitter", "normal_jitter_deg", "contacts")
         check_range(self, 1.0, "fewest_voxels", "occupancy_points")
+        check_range(self, 0.2, "crop", most=0.8)
         for name in self.cameras:
             if name not in CAMERAS:
                 raise InputError(f"unknown camera {name!r}; the cameras are {', '.join(CAMERAS)}")

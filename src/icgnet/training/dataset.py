@@ -17,9 +17,10 @@ from torch.utils.data import Dataset, Sampler
 
 from icgnet.datagen.recipe import LabelHeader, Recipe, read_label_header, read_recipes
 from icgnet.errors import DataError
+from icgnet.geometry.cells import WORKSPACE_CELLS, CellGrid, cube_of_cells
 from icgnet.geometry.transforms import make_transform, transform_points, transform_vectors, yaw_about
 from icgnet.geometry.visibility import visibility_grid
-from icgnet.geometry.workspace import CENTRE, SIZE, contains
+from icgnet.geometry.workspace import CENTRE
 from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.network.hand_input import HandInput
 from icgnet.network.inputs import make_scene_input
@@ -123,20 +124,23 @@ class RecipeDataset(Dataset):
         if not placements:
             return None
         if recipe.kind in WIDE_KINDS:
+            region = cube_of_cells(self.sampling.crop)
             T_work_world = self._crop(placements, rng)
             views = self.sampling.table_views if recipe.kind == "table" else self.sampling.bin_views
-            picture = take_crop(placements, recipe.surroundings, views, T_work_world, self.sampling, rng)
+            picture = take_crop(placements, recipe.surroundings, views, T_work_world, region, self.sampling, rng)
         else:
+            region = WORKSPACE_CELLS
             picture = take_picture(placements, self.sampling, rng)
             T_work_world = self._augmentation(rng)
         seen = observe(picture.seen_from(T_work_world), self.sampling, rng)
-        inside = contains(seen.points)
+        inside = region.holds(seen.points)
         if inside.sum() < FEWEST_POINTS:
             return None
         points, owners, viewpoint = seen.points[inside], seen.owners[inside], seen.viewpoint
         known = rng.random() >= self.sampling.viewpoint_drop
-        visibility = visibility_grid(points, viewpoint) if known and self.network.visibility else None
-        scene_input, point_to_voxel = make_scene_input(points, self.network, visibility, viewpoint if known else None)
+        visibility = visibility_grid(points, viewpoint, region) if known and self.network.visibility else None
+        eye = viewpoint if known else None
+        scene_input, point_to_voxel = make_scene_input(points, self.network, visibility, eye, region)
         voxel_owners = majority(owners, point_to_voxel, len(scene_input.voxels), len(placements))
         voxel_instances, instance_of_object = renumber(
             voxel_owners, len(placements), self.sampling.fewest_voxels, self.network.most_instances
@@ -144,14 +148,18 @@ class RecipeDataset(Dataset):
         instances = [each for each, number in zip(placements, instance_of_object, strict=True) if number >= 0]
         if not instances:
             return None
-        draw_points = occupancy_points_in_crop if recipe.kind in WIDE_KINDS else occupancy_points
-        world_points = draw_points(placements, self.sampling, T_work_world, rng)
+        if recipe.kind in WIDE_KINDS:
+            world_points = occupancy_points_in_crop(placements, self.sampling, T_work_world, region, rng)
+        else:
+            world_points = occupancy_points(placements, self.sampling, T_work_world, rng)
         work_points = transform_points(T_work_world, world_points)
         distances = np.stack([each.distance(world_points) for each in instances])
         # What another hand can grasp says nothing about the one that a published network knows.
         if not self.network.any_hand and not recipe.gripper.same_hand(self.network.gripper):
             instance_of_object = np.full_like(instance_of_object, NOTHING)
-        contacts = _draw_contacts(recipe, instance_of_object, T_work_world, points, viewpoint, self.sampling, rng)
+        contacts = _draw_contacts(
+            recipe, instance_of_object, T_work_world, region, points, viewpoint, self.sampling, rng
+        )
         return Sample(
             input=scene_input,
             voxel_instances=torch.from_numpy(voxel_instances),
@@ -224,6 +232,7 @@ def _draw_contacts(
     recipe: Recipe,
     instance_of_object: Int[np.ndarray, "o"],
     T_work_world: Float[np.ndarray, "4 4"],
+    region: CellGrid,
     cloud: Float[np.ndarray, "n 3"],
     viewpoint: Float[np.ndarray, "3"],
     sampling: Sampling,
@@ -234,7 +243,7 @@ def _draw_contacts(
     normals = transform_vectors(T_work_world, recipe.contacts.normals.astype(np.float64))
     labels = recipe.labels()
     instances = instance_of_object[recipe.contacts.objects]
-    usable = np.flatnonzero((instances >= 0) & contains(positions))
+    usable = np.flatnonzero((instances >= 0) & region.holds(positions))
     seen = is_seen(positions[usable], normals[usable], cloud, viewpoint)
     if sampling.balanced_contacts:
         chosen = choose_contacts(np.any(labels[usable], axis=1), seen, sampling.contacts, sampling.seen_share, rng)
@@ -278,20 +287,15 @@ def is_seen(
 
 
 def _beside(cloud: Float[np.ndarray, "n 3"], contacts: Float[np.ndarray, "g 3"]) -> Bool[np.ndarray, "n"]:
-    """Which points of the workspace lie in the cell of a contact or beside it; no other one is within 4 mm of any."""
+    """Which points lie in the 4 mm cell of a contact or beside it; no other one is within 4 mm of any."""
+    both = np.floor(np.concatenate([contacts, cloud]) / SEEN_DISTANCE).astype(np.int64)
     # One cell more on either side for what is beside the outermost ones.
-    edge = int(np.ceil(SIZE / SEEN_DISTANCE)) + 3
-    x, y, z = np.indices((3, 3, 3)).reshape(3, -1) - 1
-    steps = (x * edge + y) * edge + z
-    marked = np.zeros(edge**3, dtype=bool)
-    marked[_cell(contacts, edge)[:, None] + steps] = True
-    return marked[_cell(cloud, edge)]
-
-
-def _cell(points: Float[np.ndarray, "n 3"], edge: int) -> Int[np.ndarray, "n"]:
-    """Number of the cell of 4 mm that each point of the workspace lies in, in a grid with `edge` cells each way."""
-    x, y, z = (points / SEEN_DISTANCE).astype(np.int64).T + 1
-    return (x * edge + y) * edge + z
+    both += 1 - both.min(axis=0)
+    shape = tuple(both.max(axis=0) + 2)
+    steps = np.indices((3, 3, 3)).reshape(3, -1).T - 1
+    marked = np.zeros(shape, dtype=bool)
+    marked[tuple((both[: len(contacts), None] + steps).reshape(-1, 3).T)] = True
+    return marked[tuple(both[len(contacts) :].T)]
 
 
 @lru_cache(maxsize=4)

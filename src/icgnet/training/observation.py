@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from icgnet.geometry.cells import CellGrid
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import TRUNCATION_VOXELS, fuse
 from icgnet.geometry.workspace import CENTRE, SIZE, TABLE_HEIGHT, TABLE_MARGIN, above_table
@@ -13,7 +14,7 @@ from icgnet.sensors.noise import corrupt_depth, corrupt_points
 from icgnet.simulation.camera import DepthImage, SceneRenderer
 from icgnet.simulation.surroundings import Surroundings
 from icgnet.training.config import Sampling, ViewRange
-from icgnet.training.placements import Placement, stands_in_workspace
+from icgnet.training.placements import Placement, stands_in
 from icgnet.training.sample import NOTHING
 from icgnet.training.views import CameraView, crop_view, draw_pose, draw_view
 
@@ -30,8 +31,8 @@ ROUNDINGS = 1e-4
 """Single precision puts no point farther off than this [m]."""
 HEADROOM = 0.02
 """Errors of sensors lift no point higher than this above the highest thing [m]."""
-NEARBY = 0.45
-"""Objects of wide scenes farther than this from the middle of a picture are not in it and hide nothing [m]."""
+NEARBY = 0.3
+"""Objects of wide scenes that begin farther than this beyond the crop are not in it and hide nothing [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,34 +93,36 @@ def take_crop(
     surroundings: Surroundings,
     views: tuple[ViewRange, ...],
     T_work_world: Float[np.ndarray, "4 4"],
+    region: CellGrid,
     sampling: Sampling,
     rng: np.random.Generator,
 ) -> Exposure:
-    """A picture of what lies in the workspace, of a wide scene, by a camera that is drawn, in the world.
+    """A picture of what lies in a region of a wide scene, by a camera that is drawn, in the world; never fused.
 
     Args:
         placements: the objects of the whole scene; those far away are left out.
         surroundings: of the scene.
         views: where the camera may stand around the middle of the workspace.
         T_work_world: where in the world the workspace is.
-        sampling: names the cameras, and says how often a cloud is fused.
+        region: in its frame.
+        sampling: names the cameras.
         rng: source of the draws.
     """
     middle = transform_points(invert_transform(T_work_world), CENTRE[None])[0, :2]
     camera = CAMERAS[sampling.cameras[rng.integers(len(sampling.cameras))]]
-    fused = rng.random() < sampling.tsdf
     view = _binned(CameraView(draw_pose(views, middle, rng), camera.intrinsics, camera.shape), middle)
     near = {
         index: each
         for index, each in enumerate(placements)
-        if np.linalg.norm(each.T_world_object[:2, 3] - middle) < NEARBY
+        if np.linalg.norm(each.T_world_object[:2, 3] - middle) < 0.5 * (region.end[0] - region.origin[0]) + NEARBY
     }
     # The table's edge and the floor are cut off with the table.
     standing = [each for each in surroundings.structures if each.corners[:, 2].max() > TABLE_HEIGHT]
     in_work = replace(view, T_world_camera=T_work_world @ view.T_world_camera)
     everything = [each.corners() for each in near.values()] + [each.corners for each in standing]
-    upper = np.array([SIZE, SIZE, _top(everything, T_work_world)])
-    cropped = crop_view(in_work, np.array([0.0, 0.0, TABLE_HEIGHT]), upper)
+    lower = np.array([*region.origin[:2], TABLE_HEIGHT])
+    upper = np.array([*region.end[:2], _top(everything, T_work_world, region)])
+    cropped = crop_view(in_work, lower, upper)
     view = replace(cropped, T_world_camera=view.T_world_camera)
     triangles = {
         index: each.to_world(each.assets.triangles) for index, each in near.items() if view.may_show(each.corners())
@@ -133,19 +136,20 @@ def take_crop(
     image = renderer.render(view.intrinsics, view.shape, view.T_world_camera)
     too_near = image.depth < NEAREST
     image = DepthImage(np.where(too_near, np.float32(0.0), image.depth), np.where(too_near, NOTHING, image.ids))
-    return Exposure(image, view, fused, camera.noise)
+    return Exposure(image, view, False, camera.noise)
 
 
-def _top(things: list[Float[np.ndarray, "_ 3"]], T_work_world: Float[np.ndarray, "4 4"]) -> float:
-    """Height [m] above which nothing is in the workspace, whatever the sensor's errors are.
+def _top(things: list[Float[np.ndarray, "_ 3"]], T_work_world: Float[np.ndarray, "4 4"], region: CellGrid) -> float:
+    """Height [m] above which nothing is in the region, whatever the sensor's errors are.
 
     Args:
         things: points around each thing, world frame [m].
         T_work_world: where in the world the workspace is.
+        region: in its frame.
     """
     in_work = [transform_points(T_work_world, points) for points in things]
-    tops = [float(points[:, 2].max()) for points in in_work if stands_in_workspace(points)]
-    return min(max(tops, default=TABLE_HEIGHT) + HEADROOM, SIZE)
+    tops = [float(points[:, 2].max()) for points in in_work if stands_in(points, region)]
+    return min(max(tops, default=TABLE_HEIGHT) + HEADROOM, region.end[2])
 
 
 def _binned(view: CameraView, middle: Float[np.ndarray, "2"]) -> CameraView:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from icgnet.datagen.recipe import Recipe
 from icgnet.errors import DataError
+from icgnet.geometry.cells import CellGrid
 from icgnet.geometry.signed_distance import SignedDistanceGrid
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import SIZE
@@ -85,40 +86,48 @@ def _load_object(object_set: ObjectSet, key: str) -> ObjectAssets:
     )
 
 
-def _surface_inside(placement: Placement, T_work_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3 n"]:
-    """Coordinates x, y and z [m, workspace frame] of the points of an object's surface that lie in the workspace."""
+def _surface_inside(
+    placement: Placement, T_work_world: Float[np.ndarray, "4 4"], region: CellGrid
+) -> Float[np.ndarray, "3 n"]:
+    """Coordinates x, y and z [m, workspace frame] of the points of an object's surface that lie in a region."""
     T_work_object = T_work_world @ placement.T_world_object
     points = (T_work_object[:3, :3] * placement.scale) @ placement.assets.surface.T + T_work_object[:3, 3:]
     # Numpy is several times faster with long rows than with rows of three.
-    return points[:, ((points >= 0.0) & (points <= SIZE)).all(axis=0)]
+    lower, upper = np.array(region.origin)[:, None], np.array(region.end)[:, None]
+    return points[:, ((points >= lower) & (points <= upper)).all(axis=0)]
 
 
-def stands_in_workspace(points: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether something may stand over the floor of the workspace, by the box around it.
+def stands_in(points: Float[np.ndarray, "n 3"], region: CellGrid) -> bool:
+    """Whether something may stand over the floor of a region, by the box around it.
 
     Args:
         points: whose box holds all of it, workspace frame [m].
+        region: part of the workspace frame.
     """
     lower, upper = points.min(axis=0), points.max(axis=0)
-    return bool((lower[:2] < SIZE).all() and (upper[:2] > 0.0).all())
+    return bool((lower[:2] < np.array(region.end)[:2]).all() and (upper[:2] > np.array(region.origin)[:2]).all())
 
 
 def occupancy_points_in_crop(
-    placements: list[Placement], sampling: Sampling, T_work_world: Float[np.ndarray, "4 4"], rng: np.random.Generator
+    placements: list[Placement],
+    sampling: Sampling,
+    T_work_world: Float[np.ndarray, "4 4"],
+    region: CellGrid,
+    rng: np.random.Generator,
 ) -> Float[np.ndarray, "n 3"]:
-    """The same points for the part of a wide scene that lies in the workspace.
+    """The same points for the part of a wide scene that lies in a region of the workspace frame.
 
     They are near and around the surfaces there, each object as often as the others, and uniform in the box around them.
     """
     surfaces = [
-        _surface_inside(each, T_work_world)
+        _surface_inside(each, T_work_world, region)
         for each in placements
-        if stands_in_workspace(transform_points(T_work_world, each.corners()))
+        if stands_in(transform_points(T_work_world, each.corners()), region)
     ]
     surfaces = [points for points in surfaces if points.shape[1]]
     count = sampling.occupancy_points
     if not surfaces:  # but for a few points that errors of the sensor brought in
-        surfaces = [rng.uniform(0.0, SIZE, (3, 1))]
+        surfaces = [rng.uniform(region.origin, region.end)[:, None]]
     near, far = round(sampling.near_share * count), round(sampling.far_share * count)
     chosen = rng.integers(len(surfaces), size=near + far)
     place = rng.random(near + far)
@@ -131,7 +140,7 @@ def occupancy_points_in_crop(
     lower = np.min([points.min(axis=1) for points in surfaces], axis=0) - ROOM
     upper = np.max([points.max(axis=1) for points in surfaces], axis=0) + ROOM
     uniform = rng.uniform(lower, upper, (count - near - far, 3))
-    inside = np.clip(np.concatenate([surface, uniform]), 0.0, SIZE)
+    inside = np.clip(np.concatenate([surface, uniform]), region.origin, region.end)
     return (inside - T_work_world[:3, 3]) @ T_work_world[:3, :3]
 
 
