@@ -15,6 +15,9 @@ from icgnet.benchmark.record import REPORT_FILE
 from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, play_round, round_scene, until_over
 from icgnet.errors import DataError, InputError
 from icgnet.grasping.gripper import Gripper, load_gripper
+from icgnet.network.config import NETWORKS
+from icgnet.network.icgnet import IcgNet
+from icgnet.network.weights import save_weights
 from icgnet.objects.object_set import load_object_set
 from icgnet.parallel.pool import local_pool
 
@@ -302,11 +305,13 @@ def test_the_hand_decides_and_is_in_the_report(tmp_path):
         run_clutter(CHANCE, tmp_path)
 
 
-def test_a_hand_that_the_weights_do_not_know_is_refused(tmp_path):
+def test_a_hand_that_published_weights_do_not_know_is_refused(tmp_path):
     wide = replace(load_gripper(), name="wide", friction=0.5)
     (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide.to_dict()))
+    network = IcgNet(replace(NETWORKS["tiny"], affordance="contact"))
+    save_weights(tmp_path / "one_hand.safetensors", network, {})
     with pytest.raises(InputError, match="wide"):
-        load_planner(ClutterConfig(gripper=str(tmp_path / "wide.yaml")))
+        load_planner(ClutterConfig(gripper=str(tmp_path / "wide.yaml"), weights=tmp_path / "one_hand.safetensors"))
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-import yaml
 from PIL import Image
 from safetensors.torch import load_file, save_file
 
@@ -123,10 +122,8 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
     np.save(folder / "shear.npy", np.array([[1, 0.3, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
     (folder / "broken.safetensors").write_bytes(b"not weights")
     header = read_header(folder / "tiny.safetensors")
-    other = replace(header, config=replace(header.config, queries=9))
+    other = replace(header, config=replace(header.config, decoder_width=9))
     save_file(load_file(folder / "tiny.safetensors"), folder / "other.safetensors", other.entries())
-    wide = header.config.gripper.to_dict() | {"name": "wide", "max_opening": 0.1}
-    (folder / "wide.yaml").write_text(yaml.safe_dump(wide))
     depth, view = str(folder / "depth.png"), str(folder / "view.npz")
     metric = [depth, "--intrinsics", *FOCAL, "--depth-scale", "1000"]
     return {
@@ -151,7 +148,6 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], str]]:
             "of another shape",
         ),
         "unknown gripper": ([view, "--gripper", "tweezers"], "'tweezers'"),
-        "hand that the weights do not know": ([view, "--gripper", str(folder / "wide.yaml")], "know only 'franka'"),
         "table of a cloud levelled": ([str(folder / "ball.npy"), "--level-table"], "--level-table is for depth images"),
         "table levelled without its height": ([*metric, "--level-table"], "give camera_pose and table_height"),
         "no threads": ([view, "--threads", "0"], "threads must be at least 1 and at most 256, got 0"),
@@ -163,7 +159,7 @@ CASES = (
     *("no such file", "empty cloud", "all-NaN cloud", "fewer than 100 points", "no plane"),
     *("depth of the wrong shape", "millimetres taken for metres", "scale 0"),
     *("singular intrinsics", "three intrinsics", "left-handed pose", "sheared pose"),
-    *("unknown class", "unknown object", "region upside down", "unknown gripper", "hand that the weights do not know"),
+    *("unknown class", "unknown object", "region upside down", "unknown gripper"),
     *("broken weights", "weights of another configuration"),
     *("table of a cloud levelled", "table levelled without its height", "no threads", "score above 1"),
 )

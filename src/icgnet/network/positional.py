@@ -90,7 +90,9 @@ class FourierEncoding(nn.Module):
         count, waves = len(shifts), self.frequencies.shape[1]
         phase = 2.0 * math.pi * shifts @ self.frequencies
         sine, cosine = torch.diag_embed(phase.sin()), torch.diag_embed(phase.cos())
-        position = torch.cat([-shifts[:, :, None], torch.eye(3).to(shifts).expand(count, 3, 3)], 2)
+        position = torch.cat(
+            [-shifts[:, :, None], torch.eye(3, dtype=shifts.dtype, device=shifts.device).expand(count, 3, 3)], 2
+        )
         turned = torch.cat([torch.cat([cosine, -sine], 2), torch.cat([sine, cosine], 2)], 1)[:, 3:]
         whole = shifts.new_zeros(count, 2 * waves, 4 + 2 * waves)
         whole[:, :3, :4], whole[:, 3:, 4:] = position, turned

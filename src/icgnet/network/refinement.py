@@ -379,7 +379,9 @@ class QueryRefinement(nn.Module):
             own=encoding(positions, positions, bounds),
             places=encoding.places(positions, positions, bounds),
             far=self._far(positions, positions),
-            groups=tiles(positions, GROUP_SIZE) if self.config.any_extent else (torch.arange(len(rows)),),
+            groups=tiles(positions, GROUP_SIZE)
+            if self.config.any_extent
+            else (torch.arange(len(rows), device=rows.device),),
         )
         middle = middle_on_table(finest.positions)
         scene = MaskScene(
