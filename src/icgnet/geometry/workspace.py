@@ -1,6 +1,6 @@
-"""The workspace cube in which the network sees a scene: [0, 0.3]^3 m, z up, the table plane at z = 0.05 m.
+"""The workspace cube: [0, 0.3]^3 m, z up, the table plane at z = 0.05 m.
 
-Larger scenes are seen through several such cubes; see `icgnet.inference.windows`.
+That is where packed and pile scenes are; tables and bins extend beyond it, in the same frame.
 """
 
 import numpy as np

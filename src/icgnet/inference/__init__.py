@@ -1,1 +1,1 @@
-"""What the predictor is made of: a capture, its table, windows, instances, shapes, and the search for grasps."""
+"""What the predictor is made of: a capture, its table, instances, shapes, and the search for grasps."""
