@@ -38,20 +38,20 @@ def select_instances(stage: StageOutput, least_objectness: float = 0.5) -> Insta
         stage: predictions of a scene, usually the last stage's.
         least_objectness: queries that are less sure than this of being any object are left out.
     """
-    probability = stage.mask_logits.float().sigmoid()
-    claimed = probability > 0.5
-    sizes = claimed.sum(0)
     objectness = 1.0 - stage.class_logits.float().softmax(-1)[:, -1]
-    scores = objectness * (probability * claimed).sum(0) / sizes.clamp(min=1)
-    usable = (sizes >= FEWEST_VOXELS) & (objectness >= least_objectness)
-    candidates = torch.nonzero(usable)[:, 0]
+    likely = torch.nonzero(objectness >= least_objectness)[:, 0]
+    logits = stage.mask_logits[:, likely].float()
+    claimed = logits > 0
+    sizes = claimed.sum(0)
+    scores = objectness[likely] * (logits.sigmoid() * claimed).sum(0) / sizes.clamp(min=1)
+    candidates = torch.nonzero(sizes >= FEWEST_VOXELS)[:, 0]
     candidates = candidates[scores[candidates].argsort(descending=True)]
     kept = candidates[_suppress(claimed[:, candidates])]
-    winner = stage.mask_logits[:, kept].argmax(1) if len(kept) else sizes.new_zeros(len(claimed))
+    winner = logits[:, kept].argmax(1) if len(kept) else sizes.new_zeros(len(claimed))
     own = winner[:, None] == torch.arange(len(kept), device=kept.device)
     masks = (own & claimed[:, kept]).t()
     filled = masks.sum(1) >= FEWEST_VOXELS
-    return Instances(kept[filled], masks[filled], scores[kept[filled]])
+    return Instances(likely[kept[filled]], masks[filled], scores[kept[filled]])
 
 
 def _suppress(masks: Bool[Tensor, "v m"]) -> list[int]:

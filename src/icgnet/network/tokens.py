@@ -34,7 +34,8 @@ class Tokens:
 
     def pool(self, values: Float[Tensor, "v q"]) -> Float[Tensor, "t q"]:
         """Mean over the voxels of each token."""
-        return mean_by_row(values, self.of_voxel, len(self.positions))
+        is_finest = len(values) == len(self.positions)
+        return values if is_finest else mean_by_row(values, self.of_voxel, len(self.positions))
 
 
 def mean_by_row(values: Float[Tensor, "v c"], rows: Int[Tensor, " v"], count: int) -> Float[Tensor, "t c"]:
