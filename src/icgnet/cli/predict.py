@@ -67,7 +67,7 @@ class Predict:
     weights: Path | None = None
     """Weights file; the one that ships with the package if not given."""
     gripper: str | None = None
-    """Name of a gripper or a gripper file: the hand that the weights know, perhaps mounted otherwise."""
+    """Name of a gripper or a gripper file: the hand that is to grasp; that of the weights if not given."""
     threads: int | None = None
     """CPU threads."""
     precision: Precision = "float32"
