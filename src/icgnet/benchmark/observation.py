@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from icgnet.benchmark.config import NoiseName, ViewName
 from icgnet.benchmark.true_shapes import TrueShapes
-from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pose, unproject
+from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, pixel_rays, sphere_pose
 from icgnet.geometry.clouds import PointCloud, radius_outlier_mask, voxel_downsample
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import fuse
@@ -237,7 +237,9 @@ def measured_above_table(
     depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], T_world_camera: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "n 3"]:
     """Points [m] of the pixels of a depth image that lie above the table, thinned."""
-    points = transform_points(T_world_camera, unproject(depth, intrinsics)[depth > 0])
+    # Not `unproject`, which refuses a picture in which nothing was measured: that is an empty cloud.
+    points = (pixel_rays(intrinsics, depth.shape) * depth[..., None])[depth > 0]
+    points = transform_points(T_world_camera, points)
     thinned, _ = voxel_downsample(points[points[:, 2] >= LOWER[2]], WIDE_SPACING)
     return thinned
 
