@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from icgnet.benchmark.config import EVERY, IN_LABELS, NOTHING_FOUND, OUR_NETWORK
+from icgnet.benchmark.config import EVERY, IN_LABELS, NOTHING_FOUND, OCCLUSION_GROUPS, OUR_NETWORK
 from icgnet.benchmark.published import PUBLISHED
 from icgnet.benchmark.reports import StoredReport
 from icgnet.benchmark.statistics import causes_told, cell
@@ -26,7 +26,6 @@ PAGE: Mapping[str, Any] = yaml.safe_load((Path(__file__).parent / "page.yaml").r
 """Introduction, what stands below the headings, and what the marks of a row mean."""
 UNCOMMITTED, FEW, MIXED = PAGE["marks"]
 MANY_ROUNDS = 100  # as published; what was measured on fewer is marked
-TARGET_GROUPS = ("0 to 0.5", "0.5 to 0.9", "all")
 
 Row = Sequence[StoredReport]  # reports of the same settings: one, or one of packed scenes and one of piles
 Label = Callable[[StoredReport], str]
@@ -103,7 +102,7 @@ def _failures(reports: Sequence[StoredReport]) -> str:
 
 def _targets(reports: Sequence[StoredReport]) -> str:
     rows = [[report] for report in _in_order(reports, _rules, _method, _pictures, _scene)]
-    rates = {name: _number(".1f", "groups", name, "rate") for name in TARGET_GROUPS}
+    rates = {name: _number(".1f", "groups", name, "rate") for name in OCCLUSION_GROUPS}
     values = {"targets": _count("groups", "all", "targets"), **rates, "failures": _told_failures}
     return _section(
         "One object among others", _table({**_SCENES, "protocol": _rules}, _SOURCE | values, rows, PUBLISHED["targets"])

@@ -14,6 +14,8 @@ NoiseName = Literal["none", "gaussian", "dex", "stereo"]
 OUR_NETWORK = "icgnet"
 NOTHING_FOUND = "nothing found"
 """How a picture ends without a grasp, beside the causes of failed attempts."""
+OCCLUSION_GROUPS = {"0 to 0.5": (0, 5), "0.5 to 0.9": (5, 9), "all": (0, 9)}
+"""Targets that are counted together: first tenth of occlusion, and the first one that is no more among them."""
 EVERY, IN_LABELS, IN_CLICKS = "all", "all with label images", "all with clicks"
 """Groups of real frames, beside the subsets; the last two if there are frames of both kinds."""
 

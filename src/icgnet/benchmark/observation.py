@@ -237,6 +237,7 @@ def measured_above_table(
     depth: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], T_world_camera: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "n 3"]:
     """Points [m] of the pixels of a depth image that lie above the table, thinned."""
+    # Not `unproject`, which refuses a picture in which nothing was measured: that is an empty cloud.
     points = (pixel_rays(intrinsics, depth.shape) * depth[..., None])[depth > 0]
     points = transform_points(T_world_camera, points)
     thinned, _ = voxel_downsample(points[points[:, 2] >= LOWER[2]], WIDE_SPACING)

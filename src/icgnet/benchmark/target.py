@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from icgnet.benchmark.config import NOTHING_FOUND, TargetConfig
+from icgnet.benchmark.config import NOTHING_FOUND, OCCLUSION_GROUPS, TargetConfig
 from icgnet.benchmark.observation import Observation, Picture, sense, take_picture
 from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Planner
@@ -39,8 +39,6 @@ from icgnet.simulation.workcell import PROTOCOLS, Cause, Workcell
 
 BINS, WIDTH = 9, 0.1
 """Targets are sorted by occlusion into so many bins of this width."""
-GROUPS = {"0 to 0.5": (0, 5), "0.5 to 0.9": (5, 9), "all": (0, 9)}
-"""First bin, and the first one that is no more in it, of what is counted together."""
 FEWEST_PIXELS = 50
 """An object that has fewer pixels alone is no target."""
 
@@ -237,7 +235,7 @@ def summarise(rows: Sequence[TargetAttempt], scenes: int, not_holdable: int) -> 
 
     return TargetNumbers(
         bins={f"{each / 10:g} to {(each + 1) / 10:g}": group(each, each + 1) for each in range(BINS)},
-        groups={name: group(*limits) for name, limits in GROUPS.items()},
+        groups={name: group(*limits) for name, limits in OCCLUSION_GROUPS.items()},
         scenes=scenes,
         not_holdable=not_holdable,
         plan_seconds=float(np.median([row.plan_seconds for row in rows])) if rows else float("nan"),
