@@ -107,7 +107,7 @@ def test_two_scenes_side_by_side_are_what_each_is_alone(name):
             torch.testing.assert_close(masks[rows], one.mask_logits, **OF_TWO)
             assert (masks[others] == OUT_OF_REACH).all()
         classes = both.stages[-1].class_logits[queries]
-        torch.testing.assert_close(classes, own.stages[-1].class_logits, **TOLERANCE)
+        torch.testing.assert_close(classes, own.stages[-1].class_logits, **OF_TWO)
         asked, some = torch.from_numpy(points[::15].astype(np.float32)), torch.arange(0, len(queries), 3)
         wanted, found = everything(net, own, some, asked), everything(net, both, queries[some], asked)
         for key, value in wanted.items():

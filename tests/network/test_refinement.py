@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import pytest
 import torch
 
 from icgnet.geometry.workspace import TABLE_HEIGHT
@@ -14,6 +15,7 @@ from icgnet.network.refinement import (
     QueryRefinement,
     SeededMaskHead,
     Seeds,
+    Votes,
     attention_blocks,
     ball_weights,
     extents,
@@ -52,6 +54,7 @@ def scene_of(positions: torch.Tensor, seeds: torch.Tensor, **known: torch.Tensor
     """Voxels without features, but for those that are known."""
     none = torch.zeros(len(positions), 0)
     shared = {"features": torch.zeros(len(positions), 8), "described": none, "looked_at": none}
+    shared["votes"] = torch.zeros(len(positions), BALL_MOMENTS)
     shared["far"] = nothing_far(len(seeds), len(positions))
     places, middle = places_of(positions, seeds), middle_on_table(positions)
     moments = position_moments(positions, middle)
@@ -174,6 +177,26 @@ def test_seeded_mask_is_a_ball_around_the_seed_that_the_query_moves_and_sizes():
     torch.testing.assert_close(moved[2], torch.tensor(1.0), atol=1e-5, rtol=0)
     larger = ball_logits(torch.tensor([[0.0, 0, 0, 1]]), scene)[:, 0]
     assert (larger[1:] > logits[1:]).all()
+
+
+def test_a_mask_may_follow_the_votes_of_voxels_that_lie_together():
+    head, positions = SeededMaskHead(NETWORKS["tiny"]), torch.tensor([[0.1, 0.1, 0.1], [0.11, 0.1, 0.1]])
+    votes = torch.tensor([[0.1, 0.1, 0.07], [0.11, 0.1, 0.14]])
+    scene = scene_of(positions, positions[:1])
+    scene = replace(scene, votes=position_moments(votes, scene.middle)[:, :BALL_MOMENTS])
+    queries = torch.randn(1, 8)
+    before = head(queries, scene)[:, 0]
+    head.vote_ball.bias.data = torch.tensor([0.0, 0.0, -0.6, -1.0, 3.0])  # around what is 3 cm below, strong
+    added = head(queries, scene)[:, 0] - before
+    assert float(added[0]) == pytest.approx(0.0, abs=1e-3)
+    assert added[1] < -30
+
+
+def test_votes_begin_where_the_voxels_are():
+    votes = Votes(NETWORKS["tiny"])
+    width = votes.offset[0].in_features
+    tokens = Tokens(torch.rand(5, 3), torch.randn(5, width), 0.003, torch.arange(5), torch.zeros(5, 3))
+    torch.testing.assert_close(votes(tokens), tokens.positions)
 
 
 def test_rows_are_spread_over_those_inside():

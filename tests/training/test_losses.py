@@ -1,12 +1,22 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
 from icgnet.training.config import PUBLISHED, LossWeights, MatchingCosts, Sampling
-from icgnet.training.losses import TrainingLoss, bce, dice_losses, segmentation_terms, weighted_sum, width_term
+from icgnet.training.losses import (
+    VOTE_UNIT,
+    TrainingLoss,
+    bce,
+    dice_losses,
+    segmentation_terms,
+    vote_term,
+    weighted_sum,
+    width_term,
+)
 
 SAMPLING = replace(Sampling().for_validation(), occupancy_points=200, contacts=20)
 PAPER_LIKE = replace(NETWORKS["tiny"], affordance="contact", decoder_stages="all")
@@ -81,7 +91,7 @@ def test_sum_is_weighted_and_published_sum_is_divided():
 
 def test_every_parameter_that_is_used_gets_a_gradient(make_dataset):
     loss, total, scenes = terms_of(make_dataset, NETWORKS["tiny"], LossWeights())
-    assert set(scenes[0]) == {"loss", "class_", "mask", "dice", "occupancy", "grasp", "contact", "width"}
+    assert set(scenes[0]) == {"loss", "class_", "mask", "dice", "vote", "occupancy", "grasp", "contact", "width"}
     total.backward()
     without = [name for name, value in loss.network.named_parameters() if value.grad is None]
     assert without == []
@@ -106,6 +116,19 @@ def test_scene_without_contacts_still_trains(make_dataset):
     total, (terms,) = loss([make_dataset(replace(SAMPLING, contacts=0), config)[0]])
     assert torch.isfinite(total)
     assert "grasp" not in terms
+
+
+def test_votes_for_the_own_middle_cost_least_and_each_object_counts_the_same():
+    positions = torch.tensor([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.1, 0.0, 0.0], [0.5, 0.5, 0.5]])
+    instances = torch.tensor([0, 0, 1, -1])
+    middles = torch.tensor([[0.02, 0.0, 0.0], [0.02, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    best = vote_term(middles, positions, instances, 2)["vote"]
+    assert float(best) == pytest.approx(0.0, abs=1e-3)
+    halfway = middles.clone()
+    halfway[2] -= torch.tensor([0.04, 0.0, 0.0])  # as near to the other one
+    error, surprise = 0.5 * (0.04 / VOTE_UNIT) ** 2, np.log(2)
+    assert float(vote_term(halfway, positions, instances, 2)["vote"]) == pytest.approx((error + surprise) / 2, rel=1e-3)
+    assert vote_term(middles, positions, torch.full((4,), -1), 0) == {}
 
 
 def test_bce_of_a_hand_worked_case():

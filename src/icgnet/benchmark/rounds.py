@@ -24,7 +24,7 @@ from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
 OBJECTS = 5  # tried for in every scene of the cube
-WIDE = WideScenes(objects=(3, 12))  # tables and bins: so many are tried for, fewer where the support is small
+WIDE = WideScenes(objects=(3, 12), stored=0.0)  # so many are tried, fewer where the support is small
 WIDE_ATTEMPTS = 12  # that a round on a table or in a bin has at most
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
 SCENE, CAMERA, PLANNER, TARGET, HOLDABLE = range(5)  # what a random stream is for; each has its own

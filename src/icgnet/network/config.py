@@ -127,6 +127,8 @@ class NetworkConfig:
     fourier_scale: float = 2.0
     seeded_masks: bool = True
     """Whether a query's mask also depends on where the query was seeded, or on the features alone (published)."""
+    votes: bool = True
+    """Whether a seeded mask also depends on where the voxels say that the middle of their object is."""
     seeded_content: bool = True
     """Whether a query starts from the features where it was seeded, or from learnt content alone (published)."""
     class_of_mask: bool = True
@@ -265,6 +267,7 @@ NETWORKS = {
         view_depth=False,
         any_extent=False,
         seeded_masks=False,
+        votes=False,
         seeded_content=False,
         class_of_mask=False,
         coarse_volume=0,

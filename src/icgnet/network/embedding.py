@@ -32,6 +32,8 @@ class SceneEmbedding:
     """Input of the dense part: occupancy, and visibility if the configuration has it."""
     query_positions: Float[Tensor, "q 3"]
     """Where each query started [m, workspace frame]."""
+    votes: Float[Tensor, "v 3"] | None
+    """Where each voxel says that the middle of what is seen of its object is [m, workspace frame], with votes."""
     stages: tuple[StageOutput, ...]
     """Predictions before each refinement stage and, last, after all of them."""
 

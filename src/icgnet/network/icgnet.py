@@ -70,7 +70,7 @@ class IcgNet(nn.Module):
 
     def _embed(self, scene: SceneInput, levels: tuple[Tokens, ...], maps: tuple[DenseMap, ...]) -> SceneEmbedding:
         bounds = scene_bounds(scene.positions, self.config)
-        query_positions, stages = self.refinement(levels, self.encoding, bounds)
+        query_positions, votes, stages = self.refinement(levels, self.encoding, bounds)
         return SceneEmbedding(
             voxels=scene.voxels,
             positions=scene.positions,
@@ -79,6 +79,7 @@ class IcgNet(nn.Module):
             dense_maps=self.coarse_volume(maps),
             dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), PITCH, scene.grid.origin),
             query_positions=query_positions,
+            votes=votes,
             stages=stages,
         )
 

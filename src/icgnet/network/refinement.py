@@ -79,6 +79,8 @@ class MaskScene:
     """Positions and their products, see `position_moments`; sums of them under a mask tell its place and extent."""
     seeds: Float[Tensor, "q 3"]
     """Where the queries were seeded [m, workspace frame]."""
+    votes: Float[Tensor, "v b"]
+    """Moments of where the voxels say that the middle of their object is; none without votes."""
     described: Float[Tensor, "v d"]
     """What the class head averages under a mask, see `ClassHead.describe`."""
     looked_at: Float[Tensor, "v e"]
@@ -123,7 +125,9 @@ class MaskHead(nn.Module):
 class SeededMaskHead(MaskHead):
     """Also reads the voxels' positional encoding, and adds a ball around the seed, moved and sized by the query.
 
-    Differs from the paper: features alone cannot tell two alike objects apart before much training.
+    Differs from the paper: features alone cannot tell two alike objects apart before much training. A second ball, as
+    strong as the query says, is around where the voxels vote that the middle of their object is: what touches has
+    one surface, but two middles.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -131,16 +135,23 @@ class SeededMaskHead(MaskHead):
         self.place = nn.Linear(config.query_width, config.query_width, bias=False)
         self.ball = nn.Linear(config.query_width, 4)
         _make_zero(self.ball)
+        self.vote_ball = None
+        if config.votes:
+            self.vote_ball = nn.Linear(config.query_width, 5)
+            _make_zero(self.vote_ball)
 
     def forward(self, queries: Float[Tensor, "q c"], scene: MaskScene) -> Float[Tensor, "v q"]:
         """Logits of the masks of the queries."""
         queries = self.norm(queries)
         embedded = self.embed(queries)
-        of_place = scene.places.dot(embedded @ self.place.weight)
-        of_ball = ball_weights(self.ball(queries), scene.seeds - scene.middle)
-        # One product for all three: what comes out is the largest thing in the network.
-        read = torch.cat([scene.features, scene.places.of_points, scene.moments[:, :BALL_MOMENTS]], 1)
-        logits = torch.addmm(read.new_ones(1), read, torch.cat([embedded, of_place, of_ball], 1).t())
+        seeds = scene.seeds - scene.middle
+        asked = [embedded, scene.places.dot(embedded @ self.place.weight), ball_weights(self.ball(queries), seeds)]
+        if self.vote_ball is not None:
+            ball, strength = self.vote_ball(queries).split((4, 1), 1)
+            asked.append(strength * ball_weights(ball, seeds))
+        # One product for all of them: what comes out is the largest thing in the network.
+        read = torch.cat([scene.features, scene.places.of_points, scene.moments[:, :BALL_MOMENTS], scene.votes], 1)
+        logits = torch.addmm(read.new_ones(1), read, torch.cat(asked, 1).t())
         return logits.masked_fill_(scene.far.t(), OUT_OF_REACH)
 
 
@@ -350,6 +361,24 @@ class Seeds:
     """Rows of the queries that lie together."""
 
 
+class Votes(nn.Module):
+    """Where the voxels say that the middle of their object is.
+
+    Differs from the paper; center votes as in UOIS-Net-3D (Xie et al. 2021).
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        width = token_widths(config)[-1]
+        last = nn.Linear(2 * width, 3)
+        _make_zero(last)
+        self.offset = nn.Sequential(nn.Linear(width, 2 * width), nn.ReLU(), last)
+
+    def forward(self, tokens: Tokens) -> Float[Tensor, "v 3"]:
+        """A place for each of the finest tokens [m, workspace frame]."""
+        return tokens.positions + BALL_OFFSET * self.offset(tokens.features)
+
+
 class QueryRefinement(nn.Module):
     """From the tokens of a scene to its instance queries, in four stages, coarse to fine."""
 
@@ -364,13 +393,14 @@ class QueryRefinement(nn.Module):
             _make_zero(self.content_of_seed)
         self.stages = nn.ModuleList(RefinementStage(tokens, config) for tokens in token_widths(config))
         self.mask_head = SeededMaskHead(config) if config.seeded_masks else MaskHead(config)
+        self.votes = Votes(config) if config.votes else None
         self.class_head = MaskClassHead(config) if config.class_of_mask else ClassHead(config)
         self.affordance = AffordanceRefinement(config)
 
     def forward(
         self, levels: tuple[Tokens, ...], encoding: FourierEncoding, bounds: Bounds
-    ) -> tuple[Float[Tensor, "q 3"], tuple[StageOutput, ...]]:
-        """Positions of the queries [m, workspace frame], and the predictions of all stages."""
+    ) -> tuple[Float[Tensor, "q 3"], Float[Tensor, "v 3"] | None, tuple[StageOutput, ...]]:
+        """Positions of the queries, votes of the voxels [m, workspace frame], and the predictions of all stages."""
         finest = levels[-1]
         rows = self.seed_rows(levels)
         positions = finest.positions[rows]
@@ -384,6 +414,7 @@ class QueryRefinement(nn.Module):
             else (torch.arange(len(rows), device=rows.device),),
         )
         middle = middle_on_table(finest.positions)
+        votes = None if self.votes is None else self.votes(finest)
         scene = MaskScene(
             features=self.mask_head.project(finest.features),
             places=encoding.places(finest.positions, positions, bounds),
@@ -391,6 +422,7 @@ class QueryRefinement(nn.Module):
             middle=middle,
             moments=position_moments(finest.positions, middle),
             seeds=positions,
+            votes=finest.positions[:, :0] if votes is None else position_moments(votes, middle)[:, :BALL_MOMENTS],
             described=self.class_head.describe(levels),
             looked_at=self.class_head.look_at(levels),
         )
@@ -409,7 +441,7 @@ class QueryRefinement(nn.Module):
                 blocked = blocked & ~blocked.all(1, keepdim=True)
             queries = stage(queries, seeds, features, places, blocked)
             outputs.append(self._predict(index + 1, queries, seeds, scene))
-        return positions, tuple(outputs)
+        return positions, votes, tuple(outputs)
 
     def seed_rows(self, levels: tuple[Tokens, ...]) -> Int[Tensor, " q"]:
         """The voxels that queries are seeded on: one every few centimetres of surface, or a fixed number.

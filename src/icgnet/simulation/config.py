@@ -68,6 +68,9 @@ class WideScenes:
     """Largest further factor, as a part of 1, along one axis of every other object."""
     longest: tuple[float, float] = (0.02, 0.30)
     """Longest side of an object after that [m]."""
+    stored: float = 0.3
+    """Share of the scenes that have boxes alone, on and beside one another as goods are stored: what no pile of small
+    things teaches."""
 
     def __post_init__(self) -> None:
         ranges = ("objects", "table_edge", "bin_edge", "bin_height", "bin_slope_deg", "scale", "longest")
@@ -77,6 +80,7 @@ class WideScenes:
             if not least <= lower <= upper:
                 raise InputError(f"{name} must be a range of numbers from {least:g} on, got ({lower}, {upper})")
         check_range(self, 0.0, "stretch", most=0.5)
+        check_range(self, 0.0, "stored", most=1.0)
         for name in ("table_edge", "bin_edge"):
             if getattr(self, name)[0] < 2 * self.longest[0]:
                 raise InputError(

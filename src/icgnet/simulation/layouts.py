@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -28,6 +28,12 @@ MODES: dict[str, dict[Mode, float]] = {
     "bin": {"spread": 1.0, "touching": 1.0, "stacked": 2.0, "leaning": 0.3, "nested": 0.5, "dropped": 7.0},
 }
 """How objects come into a scene, and how often on the average; every scene draws its own mixture around that."""
+STORED_MODES: dict[Mode, float] = {"spread": 1.0, "touching": 3.0, "stacked": 5.0, "leaning": 0.3, "dropped": 0.5}
+"""As `MODES`, for boxes that are stored."""
+SQUARE, SQUARE_DEG = 0.7, 4.0
+"""Share of stored boxes that are turned as the one beside or below them, and how far they are off [degrees]."""
+SIDEWAYS = 0.35
+"""Part of its length by which a box is out of line with the one that it stands beside, at the most."""
 ON_SUPPORT = ("spread", "touching")
 AREA_PER_OBJECT = {"table": 0.014, "bin": 0.008}
 """Smallest part of the support that an object needs [m^2]."""
@@ -75,6 +81,8 @@ class _Draw:
     mode: Mode
     vertices: Float[np.ndarray, "v 3"]
     """Of its convex parts, scaled and stretched, not turned [m]."""
+    square: bool = False
+    """Whether it is turned as what it is put beside or on."""
 
     @property
     def is_hollow(self) -> bool:
@@ -134,14 +142,20 @@ def _draw_objects(
 ) -> list[_Draw]:
     """Objects in the order in which they come: first those on the support, then those on and in others."""
     names, weights = object_set.names(kind, split), object_set.draw_weights(kind, split)
-    modes = list(MODES[kind])
-    mixture = np.array(list(MODES[kind].values())) * rng.gamma(1.0, size=len(modes))
+    boxes = np.array([object_set.class_name(name) == "box" for name in names])
+    stored = bool(config.stored and rng.random() < config.stored and boxes.any())
+    if stored:
+        names, weights = tuple(np.array(names)[boxes]), weights[boxes] / weights[boxes].sum()
+    ways = STORED_MODES if stored else MODES[kind]
+    modes = list(ways)
+    mixture = np.array(list(ways.values())) * rng.gamma(1.0, size=len(modes))
     mixture /= mixture.sum()
     largest = min(config.longest[1], LARGEST_PART * narrow)
     draws = []
     for number in range(count):
         mode: Mode = modes[rng.choice(len(modes), p=mixture)] if number else "spread"
-        draws.append(_draw_object(object_set, names, weights, mode, rng, largest, config))
+        draw = _draw_object(object_set, names, weights, mode, rng, largest, config)
+        draws.append(_on_a_face(draw, rng) if stored and mode not in ("dropped", "leaning") else draw)
     return sorted(draws, key=lambda each: each.mode not in ON_SUPPORT)
 
 
@@ -175,6 +189,22 @@ def _draw_object(
         f"object set {object_set.name!r}: none of {TRIES} objects is {config.longest[0]:g} to {largest:g} m long with "
         f"a scale of {config.scale[0]:g} to {config.scale[1]:g}"
     )
+
+
+def _on_a_face(draw: _Draw, rng: np.random.Generator) -> _Draw:
+    """The same box on one of its sides, the larger the more often."""
+    sides = np.ptp(draw.vertices, axis=0)
+    areas = sides.prod() / sides
+    up = int(rng.choice(3, p=areas / areas.sum()))
+    onto_a_face = np.roll(np.eye(3), 2 - up, axis=0)
+    turn = rotation_z(rng.uniform(0.0, 2.0 * np.pi))
+    return replace(draw, rotation=turn @ onto_a_face, square=bool(rng.random() < SQUARE))
+
+
+def _heading(rotation: Float[np.ndarray, "3 3"]) -> float:
+    """Direction of the most level axis of something [rad]."""
+    axis = rotation[:, np.abs(rotation[2]).argmin()]
+    return float(np.arctan2(axis[1], axis[0]))
 
 
 class _Layout:
@@ -235,10 +265,13 @@ class _Layout:
             return self._spread(index, draw)
         for _ in range(PLACES):
             base = int(self._rng.choice(present))
-            angle = self._rng.uniform(0.0, 2.0 * np.pi)
+            draw, angle = self._squared(draw, base)
             way = np.array([np.cos(angle), np.sin(angle)])
             corners = self._corners(base)[:, :2]
             middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+            if draw.square:
+                across = np.array([-way[1], way[0]])
+                middle = middle + self._rng.uniform(-SIDEWAYS, SIDEWAYS) * np.ptp(corners @ across) * across
             reach = np.linalg.norm(draw.vertices @ draw.rotation.T[:, :2], axis=1).max()
             start = float(((corners - middle) @ way).max() + reach) + STEP
             if not self._put(index, draw, middle + start * way, margin=0.0):
@@ -255,7 +288,8 @@ class _Layout:
             return self._spread(index, draw)
         tops = [self._top(base) for base in present]
         areas = np.array([np.ptp(top[:, :2], axis=0).prod() + SMALLEST_TOP for top in tops])
-        top = tops[self._rng.choice(len(tops), p=areas / areas.sum())]
+        base = int(self._rng.choice(len(tops), p=areas / areas.sum()))
+        draw, top = self._squared(draw, present[base])[0], tops[base]
         lower, upper = top.min(axis=0), top.max(axis=0)
         shift = self._rng.uniform(-0.2, 0.2, 2) * (upper - lower)[:2]
         return self._put_above(index, draw, (lower + upper)[:2] / 2 + shift, float(upper[2]))
@@ -283,6 +317,15 @@ class _Layout:
     def _dropped(self, index: int, draw: _Draw) -> bool:
         """From a little above what lies at some place."""
         return self._put_above(index, draw, self._anywhere(), TABLE_HEIGHT + 0.03)
+
+    def _squared(self, draw: _Draw, base: int) -> tuple[_Draw, float]:
+        """What is to be put beside or on `base`, turned as that is if it shall be, and a direction from there [rad]."""
+        if not draw.square:
+            return draw, self._rng.uniform(0.0, 2.0 * np.pi)
+        angle = _heading(self._world.object_poses()[base][:3, :3]) + np.pi / 2 * self._rng.integers(4)
+        off = np.deg2rad(SQUARE_DEG) * self._rng.standard_normal()
+        turn = rotation_z(angle - _heading(draw.rotation) + off)
+        return replace(draw, rotation=turn @ draw.rotation), angle
 
     def _anywhere(self) -> Float[np.ndarray, "2"]:
         return self._lower + self._size * self._rng.uniform(0.08, 0.92, 2)

@@ -68,6 +68,7 @@ class LossWeights:
         class_: cross-entropy of the queries' classes.
         mask: binary cross-entropy of matched masks.
         dice: dice loss of matched masks.
+        vote: how far the voxels' votes are from the middle of their object, and whether they are nearer to another's.
         occupancy: binary cross-entropy of each instance's occupancy.
         grasp: binary cross-entropy of the twelve angles.
         contact: binary cross-entropy of the contact's own score, whether any angle succeeds.
@@ -84,6 +85,7 @@ class LossWeights:
     class_: float = 6.0
     mask: float = 5.0
     dice: float = 2.0
+    vote: float = 2.0
     occupancy: float = 20.0
     grasp: float = 10.0
     contact: float = 1.0
@@ -103,6 +105,7 @@ PUBLISHED = LossWeights(
     class_=10.0,
     mask=5.0,
     dice=2.0,
+    vote=0.0,
     occupancy=5.0,
     grasp=5.0,
     contact=0.0,

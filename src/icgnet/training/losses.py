@@ -12,6 +12,7 @@ from torch.nn import functional
 
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.icgnet import IcgNet
+from icgnet.network.tokens import mean_by_row
 from icgnet.training.config import LossWeights, MatchingCosts
 from icgnet.training.matching import match_queries
 from icgnet.training.sample import NOTHING, Sample
@@ -19,7 +20,10 @@ from icgnet.training.sample import NOTHING, Sample
 WIDTH_SCALE = 40.0
 """Widths are compared in units of 25 mm, so that their squares are comparable with the other terms."""
 
-TERMS = ("class_", "mask", "dice", "occupancy", "grasp", "contact", "width", "scene_occupancy", "scene_grasp")
+VOTE_UNIT, NEARER_UNIT = 0.05, 0.01
+"""Units of how far a vote is from the middle of its object, and of how much nearer than to another's [m]."""
+
+TERMS = ("class_", "mask", "dice", "vote", "occupancy", "grasp", "contact", "width", "scene_occupancy", "scene_grasp")
 """Names of the terms; not every scene has all of them."""
 
 
@@ -57,6 +61,8 @@ class TrainingLoss(nn.Module):
             segmentation_terms(stage.mask_logits, stage.class_logits, targets, masks, sample.classes, self.weights)
             for stage in embedding.stages
         ]
+        if embedding.votes is not None and self.weights.vote > 0:
+            stages.append(vote_term(embedding.votes, embedding.positions, sample.voxel_instances, len(masks)))
         for stage in self.network.config.decoded_stages:
             stages.append(self.occupancy_terms(embedding, sample, queries, stage))
             stages.append(self.grasp_terms(embedding, sample, queries, stage))
@@ -169,6 +175,30 @@ def segmentation_terms(
         terms["mask"] = (shares * per_query).sum() / shares.sum()
         terms["dice"] = (shares * dice_losses(logits, wanted)).sum() / shares.sum()
     return terms
+
+
+def vote_term(
+    votes: Float[Tensor, "v 3"], positions: Float[Tensor, "v 3"], instances: Int[Tensor, "v"], count: int
+) -> dict[str, Tensor]:
+    """How wrong the votes for the middles of objects are, every object as much as the others; none without objects.
+
+    The distance to the middle of what is seen of the own object, and the surprise that it is the nearest of all
+    middles, as in UOIS-Net-3D (Xie et al. 2021).
+
+    Args:
+        votes: of every voxel [m].
+        positions: of every voxel [m].
+        instances: which each belongs to, below 0 for none.
+        count: number of instances; each has voxels.
+    """
+    if count == 0:
+        return {}
+    on_object = torch.nonzero(instances >= 0)[:, 0]
+    votes, own = votes[on_object].float(), instances[on_object]
+    middles = mean_by_row(positions[on_object], own, count)
+    error = functional.smooth_l1_loss(votes / VOTE_UNIT, middles[own] / VOTE_UNIT, reduction="none").sum(1)
+    surprise = functional.cross_entropy(-torch.cdist(votes, middles) / NEARER_UNIT, own, reduction="none")
+    return {"vote": mean_by_row((error + surprise)[:, None], own, count).mean()}
 
 
 def bce(logits: Float[Tensor, "*n"], target: Tensor) -> Float[Tensor, ""]:
