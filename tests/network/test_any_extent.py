@@ -76,7 +76,8 @@ def test_a_scene_that_moves_over_the_table_is_the_same(name, step):
     moved = torch.tensor(shift, dtype=torch.float32)
     torch.testing.assert_close(there.query_positions, here.query_positions + moved)
     for one, other in zip(here.stages, there.stages, strict=True):
-        torch.testing.assert_close(other.mask_logits, one.mask_logits, **TOLERANCE)
+        torch.testing.assert_close(other.queries, one.queries, **TOLERANCE)
+    torch.testing.assert_close(there.stages[-1].mask_logits, here.stages[-1].mask_logits, **TOLERANCE)
     torch.testing.assert_close(there.stages[-1].class_logits, here.stages[-1].class_logits, **TOLERANCE)
     assert here.stages[-1].mask_logits.std() > 0.1
     assert here.stages[-1].class_logits.std(0).mean() > 1e-3
@@ -103,9 +104,10 @@ def test_two_scenes_side_by_side_are_what_each_is_alone(name):
         others = torch.ones(len(both.voxels), dtype=torch.bool)
         others[rows] = False
         for one, whole in zip(own.stages, both.stages, strict=True):
-            masks = whole.mask_logits[:, queries]
-            torch.testing.assert_close(masks[rows], one.mask_logits, **OF_TWO)
-            assert (masks[others] == OUT_OF_REACH).all()
+            torch.testing.assert_close(whole.queries[queries], one.queries, **OF_TWO)
+        masks = both.stages[-1].mask_logits[:, queries]
+        torch.testing.assert_close(masks[rows], own.stages[-1].mask_logits, **OF_TWO)
+        assert (masks[others] == OUT_OF_REACH).all()
         classes = both.stages[-1].class_logits[queries]
         torch.testing.assert_close(classes, own.stages[-1].class_logits, **OF_TWO)
         asked, some = torch.from_numpy(points[::15].astype(np.float32)), torch.arange(0, len(queries), 3)

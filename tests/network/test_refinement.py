@@ -69,20 +69,31 @@ def tokens_of(of_voxel: list[int]) -> Tokens:
 
 def test_tokens_outside_a_query_s_pooled_mask_are_blocked():
     mask_logits = torch.tensor([[3.0, -1.0], [1.0, -1.0], [-5.0, 2.0], [1.0, -2.0]])
-    blocked = attention_blocks(mask_logits, tokens_of([0, 0, 1, 1]), 0.5, nothing_far(2, 2))
+    blocked = attention_blocks(tokens_of([0, 0, 1, 1]).pool(mask_logits), 0.5, nothing_far(2, 2))
     assert blocked.tolist() == [[False, True], [True, False]]  # mean logits 2, -2 and -1, 0
 
 
 def test_a_query_that_covers_nothing_attends_to_everything_in_its_reach():
-    nothing, tokens = torch.full((4, 1), -9.0), tokens_of([0, 1, 2, 3])
-    assert not attention_blocks(nothing, tokens, 0.5, nothing_far(1, 4)).any()
+    nothing = torch.full((4, 1), -9.0)
+    assert not attention_blocks(nothing, 0.5, nothing_far(1, 4)).any()
     far = torch.tensor([[False, True, False, True]])
-    assert torch.equal(attention_blocks(nothing, tokens, 0.5, far), far)
+    assert torch.equal(attention_blocks(nothing, 0.5, far), far)
+
+
+def test_masks_at_coarser_tokens_are_the_means_of_those_of_their_voxels():
+    torch.manual_seed(0)
+    head, positions, seeds = SeededMaskHead(TINY), torch.rand(20, 3) * 0.2, torch.rand(4, 3) * 0.2
+    head.vote_ball.weight.data.normal_()
+    votes = position_moments(torch.rand(20, 3) * 0.2, middle_on_table(positions))[:, :BALL_MOMENTS]
+    scene = scene_of(positions, seeds, features=torch.randn(20, 8), votes=votes)
+    tokens, queries = tokens_of(list(range(7)) * 2 + list(range(6))), torch.randn(4, 8)
+    pooled = head(queries, scene.pooled(tokens, nothing_far(4, 7)))
+    torch.testing.assert_close(pooled, tokens.pool(head(queries, scene)), atol=1e-4, rtol=1e-4)
 
 
 def test_what_is_out_of_reach_is_blocked_even_where_a_mask_covers_it():
     far = torch.tensor([[False, True]])
-    assert torch.equal(attention_blocks(torch.full((2, 1), 9.0), tokens_of([0, 1]), 0.5, far), far)
+    assert torch.equal(attention_blocks(torch.full((2, 1), 9.0), 0.5, far), far)
 
 
 def test_blocked_tokens_have_no_influence():

@@ -1,6 +1,6 @@
 """Instance queries: their start, their refinement by masked attention, and what is predicted from them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -38,12 +38,19 @@ class StageOutput:
     """What the queries say before a refinement stage, or (the last one) after all of them."""
 
     queries: Float[Tensor, "q c"]
-    mask_logits: Float[Tensor, "v q"]
-    """Whether a voxel belongs to a query's instance."""
+    known_masks: Float[Tensor, "v q"] | None
+    """Whether a voxel belongs to a query's instance; None outside of training at stages that are not decoded, which
+    need their masks at coarser tokens only."""
     known_classes: Float[Tensor, "q k"] | None
     """Scores of the classes; the last one is "no object". None outside of training at stages that are not decoded."""
     affordance_queries: Float[Tensor, "q c"] | None
     """The queries for the affordance decoder; None at stages that the configuration does not decode."""
+
+    @property
+    def mask_logits(self) -> Float[Tensor, "v q"]:
+        """The masks at a stage that has them."""
+        assert self.known_masks is not None, "only the last stage has masks outside of training"
+        return self.known_masks
 
     @property
     def class_logits(self) -> Float[Tensor, "q k"]:
@@ -53,13 +60,13 @@ class StageOutput:
 
 
 def attention_blocks(
-    mask_logits: Float[Tensor, "v q"], tokens: Tokens, threshold: float, far: Bool[Tensor, "q t"]
+    pooled_logits: Float[Tensor, "t q"], threshold: float, far: Bool[Tensor, "q t"]
 ) -> Bool[Tensor, "q t"]:
     """Which tokens each query must not attend to: those that its pooled mask does not cover, and those that are far.
 
     A query whose mask covers nothing attends to everything that is not far.
     """
-    blocked = far | (torch.sigmoid(tokens.pool(mask_logits.detach())) < threshold).t()
+    blocked = far | (torch.sigmoid(pooled_logits) < threshold).t()
     return torch.where(blocked.all(1, keepdim=True), far, blocked)
 
 
@@ -85,6 +92,13 @@ class MaskScene:
     """What the class head averages under a mask, see `ClassHead.describe`."""
     looked_at: Float[Tensor, "v e"]
     """What it reads at single voxels, see `ClassHead.look_at`."""
+
+    def pooled(self, tokens: Tokens, far: Bool[Tensor, "q t"]) -> "MaskScene":
+        """The same at coarser tokens, for masks alone: of means of what is read, these are the means of the logits."""
+        places = Places(self.places.of_queries, tokens.pool(self.places.of_points))
+        read = {name: tokens.pool(getattr(self, name)) for name in ("features", "moments", "votes")}
+        not_read = dict.fromkeys(("described", "looked_at"), tokens.features[:, :0])
+        return replace(self, places=places, far=far, **read, **not_read)
 
 
 def middle_on_table(positions: Float[Tensor, "v 3"]) -> Float[Tensor, "3"]:
@@ -432,8 +446,9 @@ class QueryRefinement(nn.Module):
         outputs = [self._predict(0, queries, seeds, scene)]
         for index, (stage, tokens) in enumerate(zip(self.stages, levels, strict=True)):
             features, places = tokens.features, encoding.places(tokens.positions, positions, bounds)
-            far = self._far(positions, tokens.positions)
-            blocked = attention_blocks(outputs[-1].mask_logits, tokens, self.config.attention_threshold, far)
+            far, masks = self._far(positions, tokens.positions), outputs[-1].known_masks
+            at_tokens = self.mask_head(queries, scene.pooled(tokens, far)) if masks is None else tokens.pool(masks)
+            blocked = attention_blocks(at_tokens.detach(), self.config.attention_threshold, far)
             limit = self.config.tokens_per_level[index]
             if self.training and len(features) > limit:
                 kept = torch.randperm(len(features), device=features.device)[:limit]
@@ -462,14 +477,12 @@ class QueryRefinement(nn.Module):
         return torch.cdist(seeds, points) > self.config.reach
 
     def _predict(self, index: int, queries: Tensor, seeds: Seeds, scene: MaskScene) -> StageOutput:
-        mask_logits = self.mask_head(queries, scene)
-        class_logits = affordance_queries = None
         decoded = index in self.config.decoded_stages
-        if decoded or self.training:
-            class_logits = self.class_head(queries, mask_logits, scene)
-        if decoded:
-            assert class_logits is not None
-            affordance_queries = self.affordance(queries, seeds, class_logits)
+        if not decoded and not self.training:
+            return StageOutput(queries, None, None, None)
+        mask_logits = self.mask_head(queries, scene)
+        class_logits = self.class_head(queries, mask_logits, scene)
+        affordance_queries = self.affordance(queries, seeds, class_logits) if decoded else None
         return StageOutput(queries, mask_logits, class_logits, affordance_queries)
 
 
