@@ -45,10 +45,11 @@ def test_presets_have_the_classes_of_the_one_list_and_others_are_kept():
 
 
 def test_the_same_hand_under_another_name_is_the_same_configuration():
-    config = NETWORKS["tiny"]
+    config = replace(NETWORKS["tiny"], affordance="contact")
     mounted = replace(config.gripper, name="mine", base_offset=(0.0, 0.0, -0.2))
     assert config.differences(replace(config, gripper=mounted)) == []
     wide = replace(config.gripper, name="wide", max_opening=0.1)
+    assert NETWORKS["tiny"].differences(replace(NETWORKS["tiny"], gripper=wide)) == []
     assert config.differences(replace(config, gripper=wide, queries=9)) == [
         "its hand is 'wide', wanted 'franka' with max_opening 0.08 instead of 0.1",
         "queries is 9, wanted 8",

@@ -223,7 +223,10 @@ class NetworkConfig:
         return read_settings(cls, values)
 
     def differences(self, stored: "NetworkConfig") -> list[str]:
-        """In what a stored configuration differs from this one; grippers that are the same hand do not."""
+        """In what a stored configuration differs from this one.
+
+        Grippers that are the same hand do not, and no hands where the network takes any.
+        """
         wanted, found = self.to_dict(), stored.to_dict()
         changes = [
             f"{key} is {_shown(found[key])}, wanted {_shown(wanted[key])}"
@@ -232,7 +235,7 @@ class NetworkConfig:
         ]
         phrases = self.gripper.differences(stored.gripper)
         hands = [f"its hand is {stored.gripper.name!r}, wanted {self.gripper.name!r} with {', '.join(phrases)}"]
-        return hands * bool(phrases) + changes
+        return hands * bool(phrases and not self.any_hand) + changes
 
     def doubts(self, gripper: Gripper) -> tuple[str, ...]:
         """What speaks against scores for a hand, one sentence each: that it is unlike all that was learned from."""

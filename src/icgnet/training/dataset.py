@@ -43,17 +43,22 @@ CROP_SHIFT = 0.1
 """Largest distance along x and y of an object from the middle of the part of a wide scene that is drawn for it [m]."""
 
 
-def gather_recipes(folders: Sequence[Path]) -> tuple[list[Recipe], LabelHeader]:
-    """All recipes of some folders, and what the labels of all of them are about.
+def gather_recipes(folders: Sequence[Path], any_hand: bool = False) -> tuple[list[Recipe], LabelHeader]:
+    """All recipes of some folders, and what the labels of all of them, or of the first folder's, are about.
+
+    Args:
+        folders: that `icgnet generate` wrote.
+        any_hand: whether labels of several hands may be mixed, for a network that is told which each is of.
 
     Raises:
-        DataError: a folder is not readable, or its labels are of another hand or other classes than those of the first.
+        DataError: a folder is not readable, or its labels are of another hand, where these may not be mixed, or of
+            other classes than those of the first.
     """
     if not folders:
         raise DataError("no folders of recipes are given")
     headers = [read_label_header(Path(folder)) for folder in folders]
     for folder, header in zip(folders, headers, strict=True):
-        differences = header.differences(headers[0])
+        differences = header.differences(replace(headers[0], gripper=header.gripper) if any_hand else headers[0])
         if differences:
             raise DataError(f"{folder} cannot be mixed with {folders[0]}: it has {'; '.join(differences)}")
     return [recipe for folder in folders for recipe in read_recipes(folder)], headers[0]

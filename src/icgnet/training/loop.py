@@ -21,7 +21,7 @@ from icgnet.errors import DataError, TrainingDivergedError
 from icgnet.files import finite, keep_lines
 from icgnet.grasping.gripper import Gripper
 from icgnet.network.batch_norm import synchronise_statistics
-from icgnet.network.config import NetworkConfig
+from icgnet.network.config import NETWORKS, NetworkConfig
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.precision import use_bfloat16
 from icgnet.network.weights import load_weights, save_weights
@@ -93,7 +93,7 @@ def train(
         TrainingDivergedError: gradients stay infinite or NaN.
         KeyboardInterrupt: the process was interrupted (SIGINT, SIGTERM) while it trained; the checkpoint is written.
     """
-    recipes, header = gather_recipes(data)
+    recipes, header = gather_recipes(data, NETWORKS[config.network].any_hand)
     if gripper is not None and (differences := gripper.differences(header.gripper)):
         raise DataError(f"the scenes are labelled with another hand than {gripper.name!r}: {', '.join(differences)}")
     network = network_for(config.network, header)

@@ -29,13 +29,15 @@ def load_object_sets(sources: Sequence[str | Path]) -> dict[str, ObjectSet]:
     return {each.name: each for each in object_sets}
 
 
-def recipes_of_split(data: Sequence[Path], split: str) -> tuple[list[Recipe], LabelHeader]:
-    """All recipes of a split in the folders, and what their labels are about.
+def recipes_of_split(
+    data: Sequence[Path], split: str, any_hand: bool = False
+) -> tuple[list[Recipe], LabelHeader]:
+    """All recipes of a split in the folders, and what their labels are about; `any_hand` mixes those of several.
 
     Raises:
         DataError: there are none, a folder is not readable, or the folders are of unlike hands or classes.
     """
-    everything, header = gather_recipes(data)
+    everything, header = gather_recipes(data, any_hand)
     recipes = [recipe for recipe in everything if recipe.split == split]
     if not recipes:
         raise DataError(f"no recipes of split {split!r} in {', '.join(map(str, data))}")
@@ -51,7 +53,7 @@ def known_recipes(network: NetworkConfig, data: Sequence[Path], split: str) -> l
         InputError: the labels are of another hand, or of unknown classes, and the network has no class "other".
         DataError: see `recipes_of_split`.
     """
-    recipes, header = recipes_of_split(data, split)
+    recipes, header = recipes_of_split(data, split, network.any_hand)
     whose = f"the scenes in {', '.join(map(str, data))}"
     network.check_hand(header.gripper, whose)
     for name in header.classes:
