@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from icgnet.benchmark.config import LatencyConfig, PictureConfig
-from icgnet.benchmark.latency import STAGES, LatencyNumbers, model_size, time_predictions
-from icgnet.benchmark.pictures import Picture, take_picture
+from icgnet.benchmark.latency import STAGES, LatencyNumbers, model_size, tables, time_predictions
+from icgnet.benchmark.pictures import Picture, take_picture, take_pictures
 from icgnet.benchmark.rounds import round_scene
 from icgnet.cli.main import main
 from icgnet.errors import InputError
@@ -18,6 +18,7 @@ from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.objects.object_set import load_object_set
 from icgnet.predictor import DEFAULT_WEIGHTS, Predictor
+from icgnet.simulation.config import WideScenes
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,23 @@ def test_stages_and_their_percentiles_are_in_order_and_within_the_whole(numbers,
 
 def test_a_depth_image_has_more_points_than_the_cloud_of_the_objects(numbers, predictor, picture):
     assert time_predictions(predictor, [picture], 1, "depth").points > 3 * numbers.points
+
+
+def test_every_picture_says_what_it_shows_and_how_long_it_took(numbers, picture):
+    (one,) = numbers.pictures
+    assert (one.edges, one.standing) == ((0.3, 0.3), len(picture.truth))
+    assert (one.points, one.objects) == (numbers.points, numbers.objects)
+    assert one.whole_ms == numbers.whole_ms
+    _, by_picture = tables(numbers)
+    assert by_picture.rows[0][:2] == ("0.30 x 0.30", str(one.standing))
+
+
+def test_tables_are_as_large_as_is_asked_for():
+    config = LatencyConfig(scene="table", scenes=1, wide=WideScenes(objects=(4, 4), table_edge=(0.5, 0.5)))
+    (picture,) = take_pictures(config, load_gripper(), config.wide)
+    lower, upper = picture.truth.scene.surroundings.bounds
+    np.testing.assert_allclose(upper - lower, 0.5, atol=1e-6)
+    assert len(picture.truth) <= 4
 
 
 def test_the_size_counts_every_parameter_and_the_file(predictor):

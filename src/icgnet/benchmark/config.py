@@ -8,6 +8,7 @@ from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 from icgnet.objects.kinds import WIDE_KINDS, Kind, Split
 from icgnet.settings import check_choices, check_range
+from icgnet.simulation.config import WideScenes
 
 ViewName = Literal["random", "side", "top"]
 NoiseName = Literal["none", "gaussian", "dex", "stereo"]
@@ -16,6 +17,8 @@ NOTHING_FOUND = "nothing found"
 """How a picture ends without a grasp, beside the causes of failed attempts."""
 OCCLUSION_GROUPS = {"0 to 0.5": (0, 5), "0.5 to 0.9": (5, 9), "all": (0, 9)}
 """Targets that are counted together: first tenth of occlusion, and the first one that is no more among them."""
+WIDE = WideScenes(objects=(3, 12), stored=0.0)
+"""Tables and bins of the benchmarks; of so many objects are tried, fewer where the support is small."""
 EVERY, IN_LABELS, IN_CLICKS = "all", "all with label images", "all with clicks"
 """Groups of real frames, beside the subsets; the last two if there are frames of both kinds."""
 
@@ -169,6 +172,8 @@ class LatencyConfig(PictureConfig):
     """Timed predictions of each picture, after an untimed one."""
     input: Literal["cloud", "depth"] = "cloud"
     """What is given to the predictor: the fused cloud of the objects, or the depth image with the table."""
+    wide: WideScenes = WIDE
+    """What tables and bins are like; as in the clutter benchmark, if not given."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

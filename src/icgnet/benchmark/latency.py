@@ -40,6 +40,25 @@ class ModelSize:
 
 
 @dataclass(frozen=True)
+class PictureTime:
+    """How long one picture takes, and what it shows.
+
+    Attributes:
+        edges: of the cube, the table or the bin, the longer one first [m].
+        standing: objects that stand there.
+        points: of the input.
+        objects: that were found.
+        whole_ms: time of the whole call, without meshes [ms].
+    """
+
+    edges: tuple[float, float]
+    standing: int
+    points: int
+    objects: int
+    whole_ms: Quantiles
+
+
+@dataclass(frozen=True)
 class LatencyNumbers:
     """Time from a cloud or a depth image to ranked, collision-checked grasps, and more.
 
@@ -53,6 +72,7 @@ class LatencyNumbers:
         threads: CPU threads of the network.
         device: of the network.
         model: size of the network.
+        pictures: the same for every picture.
     """
 
     whole_ms: Quantiles
@@ -64,6 +84,7 @@ class LatencyNumbers:
     threads: int
     device: str
     model: ModelSize
+    pictures: list[PictureTime]
 
 
 def model_size(network: IcgNet, weights: Path | None) -> ModelSize:
@@ -83,7 +104,7 @@ def measure(config: LatencyConfig) -> LatencyNumbers:
         IcgnetError: unusable objects, weights or gripper, or no scene with a cloud.
     """
     predictor = Predictor.load(config.weights, config.threads, config.gripper)
-    pictures = list(take_pictures(config, predictor.gripper))
+    pictures = list(take_pictures(config, predictor.gripper, config.wide))
     return time_predictions(predictor, pictures, config.repeats, config.input, config.weights or DEFAULT_WEIGHTS)
 
 
@@ -98,8 +119,18 @@ def tables(numbers: LatencyNumbers) -> list[Table]:
         f"{numbers.grasps:.0f} grasps; {numbers.device}, {numbers.threads} threads, {processor()}; "
         f"{size.parameters / 1e6:.2f} M parameters, {size.bytes / 1e6:.1f} MB in memory{file}"
     )
+    spread = "median (10th to 90th percentile)"
     rows = [(name, f"{time:.0f}") for name, time in times.items()]
-    return [Table(("stage, ms", "median (10th to 90th percentile)"), rows, notes=(note,))]
+    by_picture = [
+        (
+            f"{each.edges[0]:.2f} x {each.edges[1]:.2f}",
+            *(str(count) for count in (each.standing, each.objects, each.points)),
+            f"{each.whole_ms:.0f}",
+        )
+        for each in sorted(numbers.pictures, key=lambda each: each.points)
+    ]
+    heads = ("extent, m", "objects", "found", "points", f"whole, ms: {spread}")
+    return [Table(("stage, ms", spread), rows, notes=(note,)), Table(heads, by_picture, "By picture")]
 
 
 def time_predictions(
@@ -126,7 +157,10 @@ def time_predictions(
         raise InputError(f"none of {len(pictures)} scenes gives a cloud: ask for more scenes")
     for picture in usable:
         _time_prediction(predictor, picture, source)
-    timed = [_time_prediction(predictor, picture, source) for _ in range(repeats) for picture in usable]
+    # Picture by picture in turn, so that what else the machine does meets all of them alike.
+    turns = [[_time_prediction(predictor, picture, source) for picture in usable] for _ in range(repeats)]
+    by_picture = list(zip(*turns, strict=True))
+    timed = [each for turn in turns for each in turn]
     points, objects, grasps = np.array([found for _, *found in timed]).T
     return LatencyNumbers(
         whole_ms=Quantiles.of(times[WHOLE] for times, *_ in timed),
@@ -138,6 +172,16 @@ def time_predictions(
         threads=torch.get_num_threads(),
         device=str(predictor.network.device),
         model=model_size(predictor.network, weights),
+        pictures=[_of_picture(picture, timed) for picture, timed in zip(usable, by_picture, strict=True)],
+    )
+
+
+def _of_picture(picture: Picture, timed: Sequence[tuple[dict[str, float], int, int, int]]) -> PictureTime:
+    _, points, objects, _ = timed[0]
+    lower, upper = picture.truth.scene.surroundings.bounds
+    longer, shorter = sorted((upper - lower).tolist(), reverse=True)
+    return PictureTime(
+        (longer, shorter), len(picture.truth), points, objects, Quantiles.of(times[WHOLE] for times, *_ in timed)
     )
 
 

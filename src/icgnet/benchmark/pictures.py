@@ -7,7 +7,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import track
 
-from icgnet.benchmark.config import PictureConfig
+from icgnet.benchmark.config import WIDE, PictureConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.rounds import CAMERA, random_stream, round_scene
 from icgnet.benchmark.true_shapes import TrueShapes
@@ -16,6 +16,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.inference.prediction import Prediction
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.predictor import Predictor
+from icgnet.simulation.config import WideScenes
 
 Measured = TypeVar("Measured")
 ItemT = TypeVar("ItemT")
@@ -52,27 +53,29 @@ def progress_bar(items: Iterable[ItemT], what: str, total: int | None = None) ->
     return track(items, what, total, console=console, transient=True, disable=not console.is_terminal)
 
 
-def take_picture(config: PictureConfig, index: int, object_set: ObjectSet, gripper: Gripper) -> Picture:
-    """The picture of this number; scene and camera depend on the seed and the number only.
+def take_picture(
+    config: PictureConfig, index: int, object_set: ObjectSet, gripper: Gripper, wide: WideScenes = WIDE
+) -> Picture:
+    """The picture of this number; scene and camera depend on the seed and the number only, and tables on `wide`.
 
     Raises:
         InputError: the object set has nothing for this kind and split.
     """
-    scene = round_scene(config, 0, index, object_set)
+    scene = round_scene(config, 0, index, object_set, wide)
     rng = random_stream(config, 0, index, CAMERA, 0)
     observation = observe(scene, object_set, config.view, config.noise, gripper, full_opening=True, rng=rng)
     return Picture(index, TrueShapes(scene, object_set), observation)
 
 
-def take_pictures(config: PictureConfig, gripper: Gripper) -> Iterator[Picture]:
-    """All pictures, one after the other.
+def take_pictures(config: PictureConfig, gripper: Gripper, wide: WideScenes = WIDE) -> Iterator[Picture]:
+    """All pictures, one after the other; `wide` says what tables and bins are like.
 
     Raises:
         IcgnetError: unusable objects, or a set that has nothing for this kind and split.
     """
     object_set = load_object_set(config.objects)
     for index in progress_bar(range(config.scenes), "scenes"):
-        yield take_picture(config, index, object_set, gripper)
+        yield take_picture(config, index, object_set, gripper, wide)
 
 
 def score_pictures(

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from icgnet.benchmark.config import ClutterConfig, PlannerConfig, SceneConfig
+from icgnet.benchmark.config import WIDE, ClutterConfig, PlannerConfig, SceneConfig
 from icgnet.benchmark.observation import Observation, observe
 from icgnet.benchmark.planner import Plan, Planner
 from icgnet.benchmark.planners.oracle import can_hold
@@ -24,7 +24,6 @@ from icgnet.simulation.scenes import spawn_scene
 from icgnet.simulation.workcell import PROTOCOLS, TABLE, Workcell
 
 OBJECTS = 5  # tried for in every scene of the cube
-WIDE = WideScenes(objects=(3, 12), stored=0.0)  # so many are tried, fewer where the support is small
 WIDE_ATTEMPTS = 12  # that a round on a table or in a bin has at most
 FAILURES_IN_A_ROW, SKIPS = 2, 3  # a round ends with so many failed attempts, or so many pictures without a grasp
 SCENE, CAMERA, PLANNER, TARGET, HOLDABLE = range(5)  # what a random stream is for; each has its own
@@ -166,11 +165,11 @@ def random_stream(config: SceneConfig, run: int, index: int, *purpose: int) -> n
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(run, index, *purpose)))
 
 
-def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet) -> Scene:
-    """The scene that a round begins with, whatever planner is tested."""
+def round_scene(config: SceneConfig, run: int, index: int, object_set: ObjectSet, wide: WideScenes = WIDE) -> Scene:
+    """The scene that a round begins with, whatever planner is tested; `wide` says what tables and bins are like."""
     rng = random_stream(config, run, index, SCENE)
     count = None if config.scene in WIDE_KINDS else OBJECTS
-    return spawn_scene(config.scene, object_set, config.split, rng, count, wide=WIDE)
+    return spawn_scene(config.scene, object_set, config.split, rng, count, wide=wide)
 
 
 def is_holdable(

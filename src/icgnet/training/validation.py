@@ -29,9 +29,7 @@ def load_object_sets(sources: Sequence[str | Path]) -> dict[str, ObjectSet]:
     return {each.name: each for each in object_sets}
 
 
-def recipes_of_split(
-    data: Sequence[Path], split: str, any_hand: bool = False
-) -> tuple[list[Recipe], LabelHeader]:
+def recipes_of_split(data: Sequence[Path], split: str, any_hand: bool = False) -> tuple[list[Recipe], LabelHeader]:
     """All recipes of a split in the folders, and what their labels are about; `any_hand` mixes those of several.
 
     Raises:
