@@ -1,4 +1,4 @@
-"""Sparse convolution in pure PyTorch: one gather by a cached neighbour table, then one matrix product.
+"""Sparse convolution in pure PyTorch: gathers by a cached neighbour table, and matrix products.
 
 A voxel set is a list of integer coordinates `(batch, x, y, z)`, of any extent and sign; scenes of a batch never see
 each other. Weights are stored as `[kernel volume, in, out]`, kernel offsets in the order of x, y, z with z fastest.
@@ -6,6 +6,7 @@ each other. Weights are stored as `[kernel volume, in, out]`, kernel offsets in 
 
 import itertools
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -93,9 +94,24 @@ class Coarsening:
         self.slots: Int[Tensor, " v"] = parents * 8 + octant
 
 
-def _gather(features: Tensor, neighbours: Tensor) -> Tensor:
+ROWS_AT_ONCE = 2048
+"""Voxels whose neighbours are gathered together: what that takes stays in the cache, which is several times faster."""
+
+
+def _gather(features: Tensor, neighbours: Tensor) -> Iterator[tuple[slice, Tensor]]:
+    """Features of all neighbours of some rows after the other, 0 for those that are missing."""
     padded = torch.cat([features, features.new_zeros(1, features.shape[1])])
-    return padded.index_select(0, neighbours.reshape(-1)).view(len(neighbours), -1)
+    for start in range(0, len(neighbours), ROWS_AT_ONCE):
+        part = slice(start, start + ROWS_AT_ONCE)
+        table = neighbours[part]
+        yield part, padded.index_select(0, table.reshape(-1)).view(len(table), -1)
+
+
+def _gathered_product(features: Tensor, neighbours: Tensor, matrix: Tensor) -> Tensor:
+    product = features.new_empty(len(neighbours), matrix.shape[1])
+    for part, gathered in _gather(features, neighbours):
+        torch.mm(gathered, matrix, out=product[part])
+    return product
 
 
 class _SubmanifoldProduct(torch.autograd.Function):
@@ -103,27 +119,34 @@ class _SubmanifoldProduct(torch.autograd.Function):
 
     The neighbour relation is symmetric, so the backward pass is a gather too: the gradient gathered with the same table
     serves the input's gradient (flipped kernel) and the weight's, without a scatter. Where the input needs no gradient
-    (the first layer, whose kernel is the largest) what was gathered from it is kept and serves the weight's.
+    (the first layer, whose kernel is the largest) that of the weight is made from its neighbours alone.
     """
 
     @staticmethod
     def forward(ctx: Any, features: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
-        gathered = _gather(features, neighbours)
         ctx.of_input = ctx.needs_input_grad[0]
-        ctx.save_for_backward(features if ctx.of_input else gathered, weight, neighbours)
-        return gathered @ weight.reshape(-1, weight.shape[2])
+        ctx.save_for_backward(features, weight, neighbours)
+        return _gathered_product(features, neighbours, weight.reshape(-1, weight.shape[2]))
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor, None]:
-        saved, weight, neighbours = ctx.saved_tensors
+        features, weight, neighbours = ctx.saved_tensors
         volume, inputs, outputs = weight.shape
+        # Sums over all voxels, so in 32 bits.
         if not ctx.of_input:
-            return None, (saved.t() @ gradient).view(volume, inputs, outputs), None
-        gathered = _gather(gradient.contiguous(), neighbours)
-        of_features = gathered @ weight.flip(0).transpose(1, 2).reshape(-1, inputs)
-        of_weight = (saved.t() @ gathered).view(inputs, volume, outputs).transpose(0, 1).flip(0)
-        return of_features, of_weight, None
+            total = weight.new_zeros(volume * inputs, outputs, dtype=torch.float32)
+            for part, gathered in _gather(features, neighbours):
+                total += gathered.t() @ gradient[part]
+            return None, total.view(volume, inputs, outputs).to(weight.dtype), None
+        flipped = weight.flip(0).transpose(1, 2).reshape(-1, inputs)
+        of_features = torch.empty_like(features)
+        total = weight.new_zeros(inputs, volume * outputs, dtype=torch.float32)
+        for part, gathered in _gather(gradient, neighbours):
+            torch.mm(gathered, flipped, out=of_features[part])
+            total += features[part].t() @ gathered
+        of_weight = total.view(inputs, volume, outputs).transpose(0, 1).flip(0)
+        return of_features, of_weight.to(weight.dtype), None
 
 
 def submanifold_convolution(
