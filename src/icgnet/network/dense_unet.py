@@ -41,7 +41,7 @@ class DoubleConv(nn.Sequential):
     def __init__(self, inputs: int, hidden: int, outputs: int) -> None:
         layers: list[nn.Module] = []
         for source, target in ((inputs, hidden), (hidden, outputs)):
-            layers += [GridConv(source, target), nn.ReLU(), GridBatchNorm(target)]
+            layers += [GridConv(source, target), nn.ReLU(inplace=True), GridBatchNorm(target)]
         super().__init__(*layers)
 
     def forward(
@@ -51,7 +51,7 @@ class DoubleConv(nn.Sequential):
         for layer in self:
             features = layer(features)
             if active is not None and isinstance(layer, GridBatchNorm):
-                features = features * active
+                features = features.mul_(active)
         return features
 
 
