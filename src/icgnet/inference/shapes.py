@@ -30,7 +30,8 @@ GRID_PITCH = 0.006
 LEVEL_QUANTILE = 0.7
 LOWEST_LEVEL = -0.5
 """The surface is drawn where the logits are as high as this quantile of them at seen points, but within this and 0."""
-POINTS_AT_ONCE = 65_536
+POINTS_AT_ONCE = 16_384
+"""What so many take stays in the cache."""
 RAY_STEP = 0.002
 RAY_START = 0.010
 """A ray from a contact must meet the shape within this distance [m]."""

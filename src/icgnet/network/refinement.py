@@ -1,5 +1,6 @@
 """Instance queries: their start, their refinement by masked attention, and what is predicted from them."""
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -66,8 +67,14 @@ def attention_blocks(
 
     A query whose mask covers nothing attends to everything that is not far.
     """
-    blocked = far | (torch.sigmoid(pooled_logits) < threshold).t()
+    blocked = far | (pooled_logits < _logit(threshold)).t()
     return torch.where(blocked.all(1, keepdim=True), far, blocked)
+
+
+def _logit(probability: float) -> float:
+    if not 0.0 < probability < 1.0:
+        return math.copysign(math.inf, probability - 0.5)
+    return math.log(probability / (1.0 - probability))
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,11 +261,13 @@ class MaskClassHead(ClassHead):
         self, queries: Float[Tensor, "q c"], mask_logits: Float[Tensor, "v q"], scene: MaskScene
     ) -> Float[Tensor, "q k"]:
         """Logits of the classes, the last one for "no object"; the masks are those of the queries in the scene."""
-        shares = mask_logits.detach().float().sigmoid().t()
-        shares = shares / shares.sum(1, keepdim=True).clamp(min=1e-6)
-        features = shares @ scene.described
+        read = torch.cat([scene.described, scene.moments], 1)
+        total = mask_logits.detach().float().sigmoid().t() @ read
+        features, moments = total.split((scene.described.shape[1], scene.moments.shape[1]), 1)
+        # The first moment is 1.
+        weight = moments[:, :1].clamp(min=1e-6)
+        features, moments = features / weight, moments / weight
         fine = features.shape[1] - len(self.around) * queries.shape[1]
-        moments = shares @ scene.moments
         points = self._points(mask_logits, moments, scene)
         parts = [queries, features[:, :fine], extents(moments), features[:, fine:], points]
         return super().forward(queries, mask_logits, scene) + self.end(self.of_mask(torch.cat(parts, 1)))
@@ -281,10 +290,11 @@ def spread_rows(inside: Bool[Tensor, "v q"], otherwise: Int[Tensor, " q"], count
         otherwise: the row for a column in which none is inside.
         count: rows that are wanted for each column.
     """
-    number = inside.t().int().cumsum(1, dtype=torch.int32).contiguous()
-    total = number[:, -1:]
+    column, row = torch.nonzero(inside.t(), as_tuple=True)
+    total = torch.bincount(column, minlength=inside.shape[1])[:, None]
     places = (torch.arange(count, device=inside.device) + 0.5) / count
-    rows = torch.searchsorted(number, (places * total).int() + 1).clamp(max=len(inside) - 1)
+    chosen = total.cumsum(0) - total + (places * total).long()
+    rows = torch.cat([row, row.new_zeros(1)])[chosen.clamp(max=len(row))]
     return torch.where(total > 0, rows, otherwise[:, None])
 
 
@@ -446,7 +456,8 @@ class QueryRefinement(nn.Module):
         outputs = [self._predict(0, queries, seeds, scene)]
         for index, (stage, tokens) in enumerate(zip(self.stages, levels, strict=True)):
             features, places = tokens.features, encoding.places(tokens.positions, positions, bounds)
-            far, masks = self._far(positions, tokens.positions), outputs[-1].known_masks
+            far = scene.far if tokens is finest else self._far(positions, tokens.positions)
+            masks = outputs[-1].known_masks
             at_tokens = self.mask_head(queries, scene.pooled(tokens, far)) if masks is None else tokens.pool(masks)
             blocked = attention_blocks(at_tokens.detach(), self.config.attention_threshold, far)
             limit = self.config.tokens_per_level[index]
