@@ -27,7 +27,7 @@ format: .venv/installed-dev
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf .venv demo_output
+	rm -rf .venv demo_output demo_output_table
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "icgnet needs Python 3.11 or newer, this is " + sys.version'

@@ -9,7 +9,7 @@ import trimesh
 from box_objects import EDGE, RADIUS, BoxAndBall, placed, predicted
 from icgnet.benchmark import rounds, target
 from icgnet.benchmark.config import NOTHING_FOUND, TargetConfig
-from icgnet.benchmark.observation import Observation, Picture, sense
+from icgnet.benchmark.observation import Observation, sense
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.planners.antipodal import AntipodalPlanner
 from icgnet.benchmark.planners.chance import RandomPlanner
@@ -22,6 +22,7 @@ from icgnet.geometry.camera import DEFAULT_INTRINSICS, DEFAULT_SHAPE, sphere_pos
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
+from icgnet.sensors.wide import Picture
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
 from icgnet.simulation.trials import Outcome, Trials

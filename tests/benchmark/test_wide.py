@@ -7,11 +7,11 @@ import pytest
 import trimesh
 
 from box_objects import BoxAndBall
-from icgnet.benchmark import observation, rounds
+from icgnet.benchmark import rounds
 from icgnet.benchmark.clutter import summarise, tables
 from icgnet.benchmark.config import ClutterConfig, LatencyConfig
 from icgnet.benchmark.gallery import Replay, draw_replay, scene_again
-from icgnet.benchmark.observation import SEEN_PIXELS, WIDE_CAMERA, Observation, draw_wide_camera, observe, take_picture
+from icgnet.benchmark.observation import Observation, observe, take_picture
 from icgnet.benchmark.planner import Plan
 from icgnet.benchmark.rounds import WIDE_ATTEMPTS, Attempt, ClutterJob, Round, Shot, play_round, round_scene, until_over
 from icgnet.benchmark.true_shapes import TrueShapes
@@ -21,6 +21,8 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import load_object_set
+from icgnet.sensors import wide
+from icgnet.sensors.wide import SEEN_PIXELS, WIDE_CAMERA, draw_wide_camera
 from icgnet.simulation.physics import Body
 from icgnet.simulation.scene import PlacedObject, Scene
 from icgnet.simulation.surroundings import Surroundings, block
@@ -77,7 +79,7 @@ def test_a_camera_behind_a_wall_is_drawn_again(monkeypatch):
     scene = Scene("table", (PlacedObject(name, 1.0, pose),), surroundings)
     seen = [take_picture(scene, OBJECTS, "random", np.random.default_rng(seed)) for seed in range(8)]
     assert all((each.image.ids == 0).sum() >= SEEN_PIXELS for each in seen)
-    monkeypatch.setattr(observation, "PLACES", 1)
+    monkeypatch.setattr(wide, "PLACES", 1)
     once = [take_picture(scene, OBJECTS, "random", np.random.default_rng(seed)) for seed in range(8)]
     assert any((each.image.ids == 0).sum() < SEEN_PIXELS for each in once)
 

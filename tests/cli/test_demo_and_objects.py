@@ -13,21 +13,20 @@ from tabletop_scenes import tiny_network
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
-def test_the_demo_writes_a_prediction_of_the_shipped_capture_and_warns_of_nothing(tmp_path, capsys):
-    if not demo.CAPTURE.is_file():
-        pytest.skip("this checkout has no demo capture")
+def test_the_demo_writes_predictions_of_the_shipped_captures_and_warns_of_nothing(tmp_path, capsys):
     save_weights(tmp_path / "tiny.safetensors", tiny_network(), {})
     out = tmp_path / "demo_output"
     assert main(["demo", "--out", str(out), "--weights", str(tmp_path / "tiny.safetensors"), "--threads", "1"]) == 0
-    assert json.loads((out / "result.json").read_text())["frame_id"] == "world"
-    assert (out / "picture.png").is_file()
+    for folder in (out, tmp_path / "demo_output_table"):
+        assert json.loads((folder / "result.json").read_text())["frame_id"] == "world"
+        assert (folder / "picture.png").is_file()
     captured = capsys.readouterr()
     assert "icgnet view" in captured.out
     assert captured.err == ""
 
 
 def test_a_missing_capture_is_named(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(demo, "CAPTURE", tmp_path / "demo.npz")
+    monkeypatch.setattr(demo, "FOLDER", tmp_path)
     assert main(["demo", "--out", str(tmp_path / "out")]) == 2
     assert "no demo capture" in capsys.readouterr().err
 

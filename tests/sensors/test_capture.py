@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icgnet.cli.demo import CAPTURE
+from icgnet.cli.demo import FOLDER
 from icgnet.cli.main import main
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.objects.kinds import Kind
 from icgnet.objects.object_set import load_object_set
 from icgnet.sensors.capture import SimulatedCapture, simulate_capture
 
@@ -53,10 +54,11 @@ def test_simulate_names_a_wrong_file_kind(tmp_path: Path, capsys: pytest.Capture
     assert "scene.png" in capsys.readouterr().err
 
 
-def test_objects_of_the_bundled_capture_are_not_trained_on() -> None:
-    bundled = simulate_capture("packed", load_object_set("procedural"), "test", np.random.default_rng(4))
-    with np.load(CAPTURE) as saved:
+@pytest.mark.parametrize(("name", "kind", "count"), [("demo", "packed", 5), ("table", "table", 14)])
+def test_objects_of_the_bundled_captures_are_not_trained_on(name: str, kind: Kind, count: int) -> None:
+    objects = load_object_set("procedural")
+    bundled = simulate_capture(kind, objects, "test", np.random.default_rng(4), count)
+    with np.load(FOLDER / f"{name}.npz") as saved:
         # Not the depth itself: another processor may let the objects settle a hair differently.
         assert tuple(saved["classes"]) == bundled.classes
-    names = load_object_set("procedural").names("packed", "train")
-    assert not {placed.name for placed in bundled.scene.objects} & set(names)
+    assert not {placed.name for placed in bundled.scene.objects} & set(objects.names(kind, "train"))

@@ -13,14 +13,14 @@ from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.tsdf import fuse
 from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
-from icgnet.objects.kinds import WIDE_KINDS, Kind
+from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet
-from icgnet.sensors.config import CAMERAS, NOISES, SensorNoise, exactly
+from icgnet.sensors.config import NOISES, SensorNoise, exactly
 from icgnet.sensors.noise import corrupt_depth, corrupt_points
+from icgnet.sensors.wide import Picture, take_wide_picture
 from icgnet.settings import check_choice
-from icgnet.simulation.camera import DepthImage, SceneRenderer
+from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, scene_triangles
-from icgnet.simulation.surroundings import Surroundings
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,6 @@ SENSORS: dict[NoiseName, SensorNoise] = {
 }
 """No noise; 0.8 mm on the points of the cloud, as published; noise on the depth image; that of a RealSense D435."""
 
-WIDE_CAMERA = CAMERAS["d435_vga"]
-"""Sees tables and bins, whatever the noise is."""
-WIDE_POLAR_DEG: dict[Kind, tuple[float, float]] = {"table": (20.0, 55.0), "bin": (0.0, 35.0)}
-"""How far from the vertical it stands [degrees]."""
-NEAREST, PER_EDGE = 0.5, 0.6
-"""Distance from the middle of the support: the first [m], and the second times the support's longer edge."""
-PLACES = 30
-"""Cameras that are drawn until one sees enough; else the one that sees most is taken."""
-SEEN_PIXELS, SEEN_SHARE = 20, 0.5
-"""An object with so many pixels is seen; so many of the objects must be."""
 WIDE_SPACING = 0.003
 """The cloud of a wide scene has one point in a cube of this edge [m]."""
 
@@ -128,26 +118,8 @@ def draw_camera(view: ViewName, rng: np.random.Generator) -> Float[np.ndarray, "
     return sphere_pose(np.array([CENTRE[0], CENTRE[1], chosen.target]), radius, polar, azimuth)
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """What an ideal camera sees of a scene.
-
-    Attributes:
-        image: true depth [m] and object ids.
-        intrinsics: camera matrix [pixels].
-        T_world_camera: pose of the camera.
-    """
-
-    image: DepthImage
-    intrinsics: Float[np.ndarray, "3 3"]
-    T_world_camera: Float[np.ndarray, "4 4"]
-
-
 def take_picture(scene: Scene, object_set: ObjectSet, view: ViewName, rng: np.random.Generator) -> Picture:
-    """A picture by a camera that is drawn.
-
-    A wide scene has a view of its own: from so far that all is seen but the corners of large tables, and from where at
-    least half of the objects are seen, which walls and posts may hide.
+    """A picture by a camera that is drawn; a wide scene has a view of its own, see `take_wide_picture`.
 
     Args:
         scene: what stands there.
@@ -159,29 +131,11 @@ def take_picture(scene: Scene, object_set: ObjectSet, view: ViewName, rng: np.ra
         InputError: unknown view.
     """
     check_choice("view", view, tuple(VIEWS))
+    if scene.kind in WIDE_KINDS:
+        return take_wide_picture(scene, object_set, rng)
     renderer = SceneRenderer(*scene_triangles(scene, object_set), extent=scene.surroundings.extent)
-    if scene.kind not in WIDE_KINDS:
-        pose = draw_camera(view, rng)
-        return Picture(renderer.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose), DEFAULT_INTRINSICS, pose)
-    pictures: list[tuple[int, Picture]] = []
-    while len(pictures) < PLACES:
-        pose = draw_wide_camera(scene.kind, scene.surroundings, rng)
-        image = renderer.render(WIDE_CAMERA.intrinsics, WIDE_CAMERA.shape, pose)
-        pixels = np.bincount(image.ids[image.ids >= 0], minlength=len(scene.objects))
-        seen = int((pixels >= SEEN_PIXELS).sum())
-        pictures.append((seen, Picture(image, WIDE_CAMERA.intrinsics, pose)))
-        if seen >= SEEN_SHARE * len(scene.objects):
-            break
-    return max(pictures, key=lambda each: each[0])[1]
-
-
-def draw_wide_camera(kind: Kind, surroundings: Surroundings, rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
-    """T_world_camera of a camera that looks at the middle of a table or bin; draws polar angle and azimuth."""
-    lower, upper = surroundings.bounds
-    middle = np.array([*(lower + upper) / 2, TABLE_HEIGHT])
-    radius = NEAREST + PER_EDGE * float((upper - lower).max())
-    polar, azimuth = np.deg2rad(rng.uniform(*WIDE_POLAR_DEG[kind])), rng.uniform(0.0, 2.0 * np.pi)
-    return sphere_pose(middle, radius, polar, azimuth)
+    pose = draw_camera(view, rng)
+    return Picture(renderer.render(DEFAULT_INTRINSICS, DEFAULT_SHAPE, pose), DEFAULT_INTRINSICS, pose)
 
 
 def observe(

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from icgnet.benchmark.config import NOTHING_FOUND, OCCLUSION_GROUPS, TargetConfig
-from icgnet.benchmark.observation import Observation, Picture, sense, take_picture
+from icgnet.benchmark.observation import Observation, sense, take_picture
 from icgnet.benchmark.pictures import progress_bar
 from icgnet.benchmark.planner import Planner
 from icgnet.benchmark.rounds import (
@@ -33,6 +33,7 @@ from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet, load_object_set
 from icgnet.parallel.pool import local_pool
+from icgnet.sensors.wide import Picture
 from icgnet.simulation.camera import SceneRenderer
 from icgnet.simulation.scene import Scene, world_mesh
 from icgnet.simulation.workcell import PROTOCOLS, Cause, Workcell

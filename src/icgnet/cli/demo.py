@@ -1,4 +1,4 @@
-"""`icgnet demo`: the predictor on a capture that ships with the package."""
+"""`icgnet demo`: the predictor on the captures that ship with the package."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,15 +9,17 @@ from icgnet.cli.report import print_tables, with_meshes, write_folder
 from icgnet.errors import DataError
 from icgnet.output_folder import check_replaceable
 
-CAPTURE = Path(__file__).parent.parent / "captures" / "demo.npz"
+FOLDER = Path(__file__).parent.parent / "captures"
+CAPTURES = {"demo": "", "table": "_table"}
+"""Names of the captures, and what is put behind the name of the output folder."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """Find objects and grasps in the depth image that ships with the package."""
+    """Find objects and grasps in the depth images that ship with the package: of a workspace and of a whole table."""
 
     out: Path = Path("demo_output")
-    """Folder for result.json, grasps.npz, meshes and picture.png."""
+    """Folder for result.json, grasps.npz, meshes and picture.png; that of the table has "_table" behind its name."""
     weights: Path | None = None
     """Weights file; the one that ships with the package if not given."""
     threads: int | None = None
@@ -31,19 +33,23 @@ class Demo:
         Raises:
             IcgnetError: the installation is not complete, or something is in the way.
         """
-        check_replaceable(self.out, "result.json", self.overwrite)
-        if not CAPTURE.is_file():
-            raise DataError(f"this installation has no demo capture ({CAPTURE} is missing)")
+        folders = {FOLDER / f"{name}.npz": self.out.with_name(self.out.name + end) for name, end in CAPTURES.items()}
+        for capture, out in folders.items():
+            check_replaceable(out, "result.json", self.overwrite)
+            if not capture.is_file():
+                raise DataError(f"this installation has no demo capture ({capture} is missing)")
         from icgnet.inference.capture import DepthCapture, read_capture
         from icgnet.predictor import Predictor
 
         predictor = Predictor.load(self.weights, self.threads)
-        capture = read_capture(CAPTURE)
-        if not isinstance(capture, DepthCapture):
-            raise DataError(f"{CAPTURE} is not a depth capture")
-        result = with_meshes(predictor.predict_depth(capture.depth, capture.intrinsics, capture.camera_pose))
-        write_folder(result, self.out, self.overwrite, "demo")
         console = Console()
-        print_tables(result, console, meshes=True)
-        console.print(f"written to {self.out}: look at {self.out / 'picture.png'}", soft_wrap=True)
-        console.print(f"to turn it around in the browser, run: icgnet view {self.out}", soft_wrap=True)
+        for path, out in folders.items():
+            capture = read_capture(path)
+            if not isinstance(capture, DepthCapture):
+                raise DataError(f"{path} is not a depth capture")
+            result = with_meshes(predictor.predict_depth(capture.depth, capture.intrinsics, capture.camera_pose))
+            write_folder(result, out, self.overwrite, path.stem)
+            print_tables(result, console, meshes=True)
+            console.print(f"written to {out}: look at {out / 'picture.png'}", soft_wrap=True)
+        for out in folders.values():
+            console.print(f"to turn it around in the browser, run: icgnet view {out}", soft_wrap=True)

@@ -21,7 +21,7 @@ class Simulate:
     split: Split = "test"
     """Which objects."""
     scene: Kind = "packed"
-    """Objects standing side by side, or dropped into a pile."""
+    """Objects standing side by side, or dropped into a pile; or a whole table or bin."""
     count: int = 5
     """Objects to try to place."""
     seed: int = 0
