@@ -13,7 +13,7 @@ from torch import Tensor
 from icgnet.errors import InputError
 
 _COARSEST = 16
-_BATCH = 1 << 15
+_BATCH = 1 << 14
 
 
 @torch.no_grad()
