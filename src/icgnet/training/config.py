@@ -85,7 +85,7 @@ class LossWeights:
     class_: float = 6.0
     mask: float = 5.0
     dice: float = 2.0
-    vote: float = 2.0
+    vote: float = 4.0
     occupancy: float = 20.0
     grasp: float = 10.0
     contact: float = 1.0
