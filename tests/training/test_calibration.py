@@ -199,8 +199,18 @@ def test_half_precision_stays_but_for_the_calibrated_layer(weights, calibrate_sh
     np.testing.assert_allclose(logits_of(load_weights(tmp_path / "c.safetensors")[0], samples), expected, atol=1e-5)
 
 
+def test_other_hands_are_judged_apart():
+    own, others = made_up_scenes(20), made_up_scenes(20, line=Calibration(0.6, 1.5), seed=1)
+    scenes = [scene for pair in zip(own[::2], own[1::2], others[::2], others[1::2], strict=True) for scene in pair]
+    scenes = [replace(scene, own_hand=index % 4 < 2) for index, scene in enumerate(scenes)]
+    result = calibrate(scenes)
+    assert {name: report.scenes for name, report in result.by_hand.items()} == {"its own hand": 10, "other hands": 10}
+    assert all(report.ece > 3 * result.after.ece for report in result.by_hand.values())
+    assert calibrate(own).by_hand == {}
+
+
 def test_data_without_validation_scenes_leave_no_file(weights, recipes, calibrate_shapes, tmp_path, monkeypatch):
-    monkeypatch.setattr("icgnet.training.validation.gather_recipes", lambda folders: (recipes, HEADER))
+    monkeypatch.setattr("icgnet.training.validation.gather_recipes", lambda folders, any_hand: (recipes, HEADER))
     with pytest.raises(DataError, match="no recipes of split 'val'"):
         calibrate_shapes(weights, tmp_path / "c.safetensors")
     assert not (tmp_path / "c.safetensors").exists()

@@ -50,7 +50,7 @@ def test_samples_are_made_in_another_process_where_one_forks_afterwards(recipes,
 
 def test_evaluation_names_a_split_without_scenes(recipes, tmp_path, monkeypatch):
     save_weights(tmp_path / "w.safetensors", IcgNet(NETWORKS["tiny"]), {})
-    monkeypatch.setattr(validation, "gather_recipes", lambda folders: (recipes, HEADER))
+    monkeypatch.setattr(validation, "gather_recipes", lambda folders, any_hand: (recipes, HEADER))
     with pytest.raises(DataError, match="'val'"):
         evaluate_weights(tmp_path / "w.safetensors", [tmp_path], [])
 
@@ -58,7 +58,7 @@ def test_evaluation_names_a_split_without_scenes(recipes, tmp_path, monkeypatch)
 def test_evaluation_reports_each_kind_and_all(recipes, shapes, tmp_path, monkeypatch):
     save_weights(tmp_path / "w.safetensors", IcgNet(NETWORKS["tiny"]), {})
     held_out = [replace(recipes[0], split="val"), replace(recipes[1], split="val", kind="pile")]
-    monkeypatch.setattr(validation, "gather_recipes", lambda folders: (held_out, HEADER))
+    monkeypatch.setattr(validation, "gather_recipes", lambda folders, any_hand: (held_out, HEADER))
     monkeypatch.setattr(validation, "load_object_set", lambda source: shapes)
     metrics = evaluate_weights(tmp_path / "w.safetensors", [tmp_path], ["shapes"])
     assert set(metrics) == {"packed", "pile", "all"}

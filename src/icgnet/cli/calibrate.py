@@ -74,6 +74,8 @@ def _table(result: "CalibrationResult") -> Table:
     for name, text in _ROWS.items():
         values = (getattr(each, name) for each in (result.before, result.after))
         table.add_row(text, *("-" if value is None else f"{value:.4f}" for value in values))
+    for name, report in result.by_hand.items():
+        table.add_row(f"{_ROWS['ece']}, {name} ({report.scenes} scenes)", "", f"{report.ece:.4f}")
     return table
 
 
@@ -95,4 +97,5 @@ def _record(result: "CalibrationResult") -> dict[str, object]:
         return values | {"bins_of_equal_width": used}
 
     halves = {"before": numbers(result.before), "after": numbers(result.after)}
-    return {"calibration": asdict(result.calibration), **halves}
+    by_hand = {name: numbers(report) for name, report in result.by_hand.items()}
+    return {"calibration": asdict(result.calibration), **halves, "after_by_hand": by_hand}

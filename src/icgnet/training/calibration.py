@@ -58,11 +58,13 @@ class SceneGrasps:
         logits: [g a] what the network says.
         labels: [g a] whether the grasp succeeded.
         seen: [g] whether the cloud has a point next to the contact.
+        own_hand: whether the hand is the one that the weights name.
     """
 
     logits: Float[np.ndarray, "g a"]
     labels: Bool[np.ndarray, "g a"]
     seen: Bool[np.ndarray, "g"]
+    own_hand: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +104,13 @@ class CalibrationResult:
         calibration: fitted on all scenes.
         before: the scores of every other scene as the network gives them.
         after: the scores of the same scenes with a calibration that was fitted on the rest.
+        by_hand: `after`, of the hand that the weights name and of all others apart, where there are both.
     """
 
     calibration: Calibration
     before: ScoreReport
     after: ScoreReport
+    by_hand: dict[str, ScoreReport]
 
 
 def calibrate_weights(
@@ -170,7 +174,7 @@ def decode_scenes(network: IcgNet, samples: Sequence[Sample], costs: MatchingCos
         samples: scenes with their answers.
         costs: of the assignment between queries and instances.
     """
-    scenes = []
+    scenes, own_numbers = [], network.hand_input(network.config.gripper).numbers
     for sample in samples:
         if len(sample.contacts) == 0:
             continue
@@ -178,7 +182,8 @@ def decode_scenes(network: IcgNet, samples: Sequence[Sample], costs: MatchingCos
         own = queries_of_instances(network, embedding, sample, costs)[sample.contact_instances]
         logits = network.decode_affordance(embedding, own, sample.contacts, sample.normals, sample.hand).logits
         labels, seen = sample.labels > 0.5, sample.contact_seen
-        scenes.append(SceneGrasps(logits.double().cpu().numpy(), labels.cpu().numpy(), seen.cpu().numpy()))
+        own_hand = torch.equal(sample.hand.numbers, own_numbers)
+        scenes.append(SceneGrasps(logits.double().cpu().numpy(), labels.cpu().numpy(), seen.cpu().numpy(), own_hand))
     return scenes
 
 
@@ -192,8 +197,13 @@ def calibrate(scenes: Sequence[SceneGrasps]) -> CalibrationResult:
         raise DataError(
             f"calibration needs 2 scenes with contacts or more, half to fit and half to judge: {len(scenes)}"
         )
-    half = fit_calibration(scenes[::2])
-    return CalibrationResult(fit_calibration(scenes), judge(scenes[1::2]), judge(scenes[1::2], half))
+    half, judged = fit_calibration(scenes[::2]), scenes[1::2]
+    by_hand = {
+        name: judge(chosen, half)
+        for name, own in (("its own hand", True), ("other hands", False))
+        if (chosen := [scene for scene in judged if scene.own_hand == own]) and len(chosen) < len(judged)
+    }
+    return CalibrationResult(fit_calibration(scenes), judge(judged), judge(judged, half), by_hand)
 
 
 def fit_calibration(scenes: Sequence[SceneGrasps]) -> Calibration:
@@ -283,4 +293,5 @@ def _record(result: CalibrationResult, total: Calibration, data: Sequence[Path],
         "scenes": scenes,
         "ece_before": result.before.ece,
         "ece_after": result.after.ece,
+        "ece_by_hand": {name: each.ece for name, each in result.by_hand.items()},
     }
