@@ -39,6 +39,8 @@ DROP_TURNS = 8
 DEVIATIONS = (0.1, 0.02, 0.0)
 """How far rounded corners may be from the waypoints of a way [rad]: the next one where the first meets something."""
 LINE_DEVIATION = 0.002
+CLEARANCE_TRAVEL = 0.005
+"""Clearances are those at positions between which no point moves farther than this [m], or than between two tests."""
 UNSEEN = 0.0005
 """How deep things may meet between two positions that were tested [m], at most."""
 FINGER_SPEED = 0.1
@@ -564,10 +566,11 @@ def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChe
     Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
     met between them is met by less than that.
     """
-    samples = trajectory.samples(checker.reaches, 2.0 * (margin + UNSEEN))
+    travel = 2.0 * (margin + UNSEEN)
+    samples = trajectory.samples(checker.reaches, travel)
     if checker.first_collision(samples, margin) is not None:
         return None
-    clearance, nearest = checker.clearance(samples)
+    clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
     return Phase(name, trajectory, load.high, load, margin, clearance, nearest)
 
 

@@ -19,7 +19,7 @@ from icgnet.arm.bodies import CollisionBody
 from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.gripper import Box, Gripper
 
-FARTHEST_CLEARANCE = 0.1
+FARTHEST_CLEARANCE = 0.05
 """Clearances are measured up to here [m]."""
 CLEARANCE_STEP = 0.0005
 """As finely as this [m]."""
@@ -181,19 +181,21 @@ class CollisionChecker:
         Returns:
             The distance to within `CLEARANCE_STEP`, at most `FARTHEST_CLEARANCE`: then nothing is near. 0 if it meets.
         """
-        clear, near, at = 0.0, FARTHEST_CLEARANCE, self.first_collision(path, FARTHEST_CLEARANCE)
-        if at is None:
+        near, nearest = FARTHEST_CLEARANCE, None
+        # The ends of a phase are where things are near; then each position need only be tested for being nearer.
+        for joints in (path[-1], path[0], *path[1:-1]):
+            if not self.collides(joints, near):
+                continue
+            clear, nearest = 0.0, joints
+            while near - clear > CLEARANCE_STEP:
+                middle = (clear + near) / 2
+                clear, near = (clear, middle) if self.collides(joints, middle) else (middle, near)
+            near = clear
+            if near == 0.0:
+                break
+        if nearest is None:
             return FARTHEST_CLEARANCE, None
-        while near - clear > CLEARANCE_STEP:
-            middle = (clear + near) / 2
-            # What was nearest before is most likely nearest now.
-            found = at if self.collides(path[at], middle) else self.first_collision(path, middle)
-            if found is None:
-                clear = middle
-            else:
-                near, at = middle, found
-        nearest = self.meetings(path[at], near)
-        return clear, nearest[0] if nearest else None
+        return near, self.meetings(nearest, near + CLEARANCE_STEP)[0]
 
     def _set_margin(self, margin: float) -> None:
         if margin != self._margin:
