@@ -310,22 +310,35 @@ class _Planner:
         settings = self.settings
         back = straight_line(self.arm, joints, -FARTHEST_BACK * T_base_grasp[:3, 2])
         back = self._free_part(back, opened, settings.approach, NO_LINE)
-        checker = self._checker(replace(holding, untested=self._touching(joints, holding)))
+        free, full = self._checker(replace(holding, untested=self._touching(joints, holding))), self._checker(holding)
         refused = _Refused(NO_LIFT)
         for way in (UP, -T_base_grasp[:3, 2]):
             lift = straight_line(self.arm, joints, HIGHEST_LIFT * way)
             try:
-                lift = self._free_part(lift, checker, settings.lift, NO_LIFT)
+                lift = self._free_part(lift, free, settings.lift, NO_LIFT, full)
+                _check_parting(lift, full)
             except _Refused as again:
                 refused = again
             else:
-                return _Reach(joints, back, self._until_apart(lift, holding))
+                return _Reach(joints, back, lift)
         raise refused
 
     def _free_part(
-        self, line: Float[np.ndarray, "n j"], checker: CollisionChecker, least: float, reason: str
+        self,
+        line: Float[np.ndarray, "n j"],
+        checker: CollisionChecker,
+        least: float,
+        reason: str,
+        at_end: CollisionChecker | None = None,
     ) -> Float[np.ndarray, "m j"]:
         """The shortest beginning of a line that meets nothing and ends with room around it.
+
+        Args:
+            line: joint positions.
+            checker: what must not meet on the line.
+            least: length [m].
+            reason: of the refusal if the line itself is too short.
+            at_end: what must have room at the end; the same if None.
 
         Raises:
             _Refused: there is none.
@@ -334,11 +347,13 @@ class _Planner:
         if len(line) <= steps:
             raise _Refused(reason)
         met = checker.first_collision(line)
-        end = len(line) if met is None else met
-        for last in range(steps, end):
-            if not checker.collides(line[last], self.settings.margin):
+        if met is not None and met <= steps:
+            raise _Refused(_told(checker.meetings(line[met])[0]))
+        at_end, margin = at_end or checker, self.settings.margin
+        for last in range(steps, len(line) if met is None else met):
+            if not at_end.collides(line[last], margin):
                 return line[: last + 1]
-        raise _Refused(_told(checker.meetings(line[min(end, len(line) - 1)], self.settings.margin)[0]))
+        raise _Refused(_told(at_end.meetings(line[steps], margin)[0]))
 
     def _touching(self, joints: Float[np.ndarray, "j"], holding: Load) -> frozenset[Meeting]:
         """What the carried object meets already where it stands: the support, neighbours that lean on it."""
@@ -346,18 +361,6 @@ class _Planner:
             return frozenset()
         meetings = self._checker(holding).meetings(joints)
         return frozenset(each for each in meetings if each.part == CARRIED)
-
-    def _until_apart(self, lift: Float[np.ndarray, "n j"], holding: Load) -> Float[np.ndarray, "n j"]:
-        """The line, after making sure that what the carried object touched at first it leaves for good.
-
-        Raises:
-            _Refused: it does not.
-        """
-        checker = self._checker(holding)
-        meets = [checker.collides(joints) for joints in lift]
-        if meets != sorted(meets, reverse=True) or checker.collides(lift[-1], self.settings.margin):
-            raise _Refused(_told(checker.meetings(lift[-1], self.settings.margin)[0]) if not meets[-1] else NO_LIFT)
-        return lift
 
     def _phases(
         self,
@@ -572,6 +575,18 @@ def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChe
         return None
     clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
     return Phase(name, trajectory, load.high, load, margin, clearance, nearest)
+
+
+def _check_parting(lift: Float[np.ndarray, "n j"], checker: CollisionChecker) -> None:
+    """Makes sure that what the carried object touches at first it leaves for good.
+
+    Raises:
+        _Refused: it comes near it once more.
+    """
+    meets = [checker.collides(joints) for joints in lift]
+    for index in range(1, len(lift)):
+        if meets[index] and not meets[index - 1]:
+            raise _Refused(_told(checker.meetings(lift[index])[0]))
 
 
 def _first(attempt: Callable[[], Found], reasons: list[str]) -> Found | None:
