@@ -9,11 +9,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import trimesh
 from jaxtyping import Float
 
 from icgnet.arm.description import ArmDescription, read_description
+from icgnet.arm.libraries import pin
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.arrays import real_array
 from icgnet.geometry.transforms import invert_transform
@@ -41,7 +41,9 @@ class Arm:
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
         count = len(self.joint_names)
         if len(description.home) != count:
-            raise DataError(f"arm {self.name}: home has {len(description.home)} joints, the URDF {count} up to the hand")
+            raise DataError(
+                f"arm {self.name}: home has {len(description.home)} joints, the URDF {count} up to the hand"
+            )
         self._mount = self.model.getFrameId(description.mount_link)
         self.lower = _limit(description.lower, self.model.lowerPositionLimit, "lower")
         self.upper = _limit(description.upper, self.model.upperPositionLimit, "upper")
@@ -103,7 +105,7 @@ class Arm:
         return self.mount_pose(joints) @ self.T_mount_grasp(gripper)
 
     def mount_jacobian(self, joints: Float[np.ndarray, "j"]) -> Float[np.ndarray, "6 j"]:
-        """How the mount's link moves with the joints, in its own frame: three rows of translation, three of rotation."""
+        """How the mount's link moves with the joints, in its own frame: three rows of translation, three of turning."""
         return np.array(pin.computeFrameJacobian(self.model, self.data, joints, self._mount, pin.LOCAL))
 
     def link_meshes(self, joints: Float[np.ndarray, "j"]) -> list[trimesh.Trimesh]:
@@ -121,7 +123,11 @@ class Arm:
         parents = list(self.model.parents)
 
         def may_meet(first: "LinkShape", second: "LinkShape") -> bool:
-            if first.joint == second.joint or first.joint == parents[second.joint] or second.joint == parents[first.joint]:
+            if (
+                first.joint == second.joint
+                or first.joint == parents[second.joint]
+                or second.joint == parents[first.joint]
+            ):
                 return False
             return frozenset((first.link, second.link)) not in never
 
@@ -139,7 +145,9 @@ class Arm:
         mount = extents[-1]
         extents[-1] = max(mount, float(np.linalg.norm(self.T_joint_mount[:3, 3])))
         count = len(lengths)
-        return np.array([max(sum(lengths[i + 1 : j + 1]) + extents[j + 1] for j in range(i, count)) for i in range(count)])
+        return np.array(
+            [max(sum(lengths[i + 1 : j + 1]) + extents[j + 1] for j in range(i, count)) for i in range(count)]
+        )
 
 
 class LinkShape:

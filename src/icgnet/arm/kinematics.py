@@ -1,13 +1,15 @@
 """Joint positions for a pose of the hand, and along a straight line."""
 
+# The compiled modules of pinocchio carry no types.
+# pyright: reportAttributeAccessIssue=false
+
 from typing import Protocol
 
-import frankik
 import numpy as np
-import pinocchio as pin
 from jaxtyping import Float
 
 from icgnet.arm.arm import Arm
+from icgnet.arm.libraries import frankik, pin
 from icgnet.errors import DataError
 from icgnet.geometry.transforms import invert_transform
 
@@ -56,7 +58,9 @@ class FrankaSolver:
             raise DataError(f"arm {arm.name}: the solver franka is for arms of 7 joints, not {len(arm.joint_names)}")
         solutions = frankik.ik_full(arm.mount_pose(arm.home), arm.home, arm.home[6])
         if not any(np.allclose(each, arm.home, atol=1e-4) for each in solutions):
-            raise DataError(f"arm {arm.name}: the solver franka is for the flange of an arm of Franka, which this is not")
+            raise DataError(
+                f"arm {arm.name}: the solver franka is for the flange of an arm of Franka, which this is not"
+            )
         self._last = np.linspace(arm.lower[6], arm.upper[6], LAST_JOINT_STEPS + 2)[1:-1]
 
     def solutions(self, T_base_mount: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "s j"]:
@@ -117,7 +121,9 @@ def follow(
     return None
 
 
-def _pose_error(T_base_now: Float[np.ndarray, "4 4"], T_base_wanted: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
+def _pose_error(
+    T_base_now: Float[np.ndarray, "4 4"], T_base_wanted: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "6"]:
     """The way to a pose in the frame of the present one: translation [m], rotation vector [rad]."""
     T_now_wanted = invert_transform(T_base_now) @ T_base_wanted
     return np.concatenate([T_now_wanted[:3, 3], pin.log3(T_now_wanted[:3, :3])])

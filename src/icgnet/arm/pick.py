@@ -5,32 +5,30 @@ go; then ways between them; then the trajectories, which are tested once more, f
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from icgnet.arm.arm import Arm
-from icgnet.arm.bodies import CollisionBody, Source, bodies_of, object_name
+from icgnet.arm.bodies import CollisionBody, bodies_of, object_name
 from icgnet.arm.kinematics import LINE_STEP, Solver, make_solver, straight_line
 from icgnet.arm.paths import PathFinder
 from icgnet.arm.plan import Phase, PickPlan, Refusal
 from icgnet.arm.scene import CARRIED, HAND, CollisionChecker, Load, Meeting
+from icgnet.arm.settings import DEFAULT_PICK, FARTHEST_BACK, HIGHEST_LIFT, PickSettings
 from icgnet.arm.timing import Timing, Trajectory, still
 from icgnet.errors import InputError
 from icgnet.geometry.arrays import position
 from icgnet.geometry.transforms import check_pose, invert_transform, make_transform, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.inference.prediction import Prediction
-from icgnet.settings import check_choices, check_range
 
 UP = np.array([0.0, 0.0, 1.0])
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 """A parallel-jaw hand turned by this about its approach takes the same grasp."""
-FARTHEST_BACK, HIGHEST_LIFT = 0.16, 0.2
-"""How far the straight line before a grasp and the one after it may go [m]."""
 MOST_REACHES, MOST_DROPS, MOST_WAYS = 6, 24, 2
 """So many joint positions are asked for collisions for a grasp and for a place to let go, and so many ways are looked
 for."""
@@ -52,54 +50,6 @@ NO_IK = "no joint positions"
 NO_REACH, NO_LINE, NO_LIFT = "no way to the object", "no straight way in", "no straight way up"
 NO_DROP, NO_CARRY, NO_LOWER = "drop-off out of reach", "no way to the drop-off", "no straight way down"
 NO_LEAVE, NO_RETURN = "no straight way out", "no way back"
-
-Found = TypeVar("Found")
-
-
-@dataclass(frozen=True)
-class PickSettings:
-    """How a pick is planned.
-
-    Attributes:
-        obstacles: what objects are for the arm: their predicted shapes, or their measured points.
-        release: whether the object is dropped from where it is held, or placed: lowered until it nearly stands.
-        check_carried: whether the predicted shape of the carried object must meet nothing.
-        margin: distance from everything on the ways between straight lines [m].
-        approach: the hand comes in straight over at least this distance [m].
-        lift: the hand goes up straight by at least this [m].
-        speed: share of the arm's largest velocities.
-        line_speed: the same on straight lines.
-        most_grasps: so many grasps are tried at most.
-        seed: of everything that is drawn.
-    """
-
-    obstacles: Source = "shapes"
-    release: Literal["drop", "place"] = "drop"
-    check_carried: bool = True
-    margin: float = 0.005
-    approach: float = 0.06
-    lift: float = 0.10
-    speed: float = 1.0
-    line_speed: float = 0.5
-    most_grasps: int = 100
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Checks the values.
-
-        Raises:
-            InputError: one is not valid.
-        """
-        check_choices(self)
-        check_range(self, 0.001, "margin", most=0.05)
-        check_range(self, 0.02, "approach", most=FARTHEST_BACK)
-        check_range(self, 0.02, "lift", most=HIGHEST_LIFT)
-        check_range(self, 0.0, "speed", "line_speed", above=True, most=1.0)
-        check_range(self, 1, "most_grasps")
-        check_range(self, 0, "seed")
-
-
-DEFAULT_PICK = PickSettings()
 
 
 def plan_pick(
@@ -139,7 +89,7 @@ def plan_pick(
     return planner.plan()
 
 
-class _Refused(Exception):
+class _RefusedError(Exception):
     """A grasp cannot be carried out; the argument says why."""
 
 
@@ -213,7 +163,7 @@ class _Planner:
             instance = int(self.grasps.instances[index])
             try:
                 T_base_grasp, phases = self._try(index, instance)
-            except _Refused as refused:
+            except _RefusedError as refused:
                 refusals.append(Refusal(index, instance, str(refused)))
             else:
                 return self._result(index, instance, T_base_grasp, phases, refusals)
@@ -247,7 +197,7 @@ class _Planner:
         """The phases for one grasp.
 
         Raises:
-            _Refused: it cannot be carried out.
+            _RefusedError: it cannot be carried out.
         """
         pose = self.grasps.poses[index]
         opening = float(min(self.grasps.openings[index], self.gripper.max_opening))
@@ -257,7 +207,8 @@ class _Planner:
         beside = frozenset({Meeting(HAND, target.name)})
         opened = Load(opening, opening, untested=beside if target.from_points else frozenset())
         checker = self._checker(opened)
-        reaches, reasons = [], []
+        reaches: list[tuple[Float[np.ndarray, "4 4"], Load, _Reach]] = []
+        reasons: list[str] = []
         for T_base_grasp in (pose, pose @ HALF_TURN):
             holding = Load(
                 width,
@@ -266,20 +217,27 @@ class _Planner:
                 T_base_gripped=T_base_grasp,
                 absent=frozenset({target.name}),
             )
-            for joints in self._free_joints(T_base_grasp, checker, reasons):
-                found = _first(lambda joints=joints: self._lines(joints, T_base_grasp, checker, holding), reasons)
-                if found is not None:
-                    reaches.append((T_base_grasp, holding, found))
-                    break
+            reach = self._reach(T_base_grasp, checker, holding, reasons)
+            if reach is not None:
+                reaches.append((T_base_grasp, holding, reach))
         self.clock.lap("grasp")
-        for T_base_grasp, holding, reach in reaches[:MOST_WAYS]:
-            phases = _first(
-                lambda reach=reach, holding=holding, T=T_base_grasp: self._phases(reach, T, opened, holding, checker),
-                reasons,
-            )
-            if phases is not None:
-                return T_base_grasp, phases
-        raise _Refused(_farthest(reasons))
+        for T_base_grasp, holding, reach in reaches:
+            try:
+                return T_base_grasp, self._phases(reach, T_base_grasp, opened, holding, checker)
+            except _RefusedError as refused:
+                reasons.append(str(refused))
+        raise _RefusedError(_farthest(reasons))
+
+    def _reach(
+        self, T_base_grasp: Float[np.ndarray, "4 4"], opened: CollisionChecker, holding: Load, reasons: list[str]
+    ) -> _Reach | None:
+        """How a grasp is reached and left by the first joint positions that can; None, and why not, if none can."""
+        for joints in self._free_joints(T_base_grasp, opened, reasons):
+            try:
+                return self._lines(joints, T_base_grasp, opened, holding)
+            except _RefusedError as refused:
+                reasons.append(str(refused))
+        return None
 
     def _free_joints(
         self, T_base_grasp: Float[np.ndarray, "4 4"], checker: CollisionChecker, reasons: list[str]
@@ -305,19 +263,19 @@ class _Planner:
         """The straight lines before and after a grasp.
 
         Raises:
-            _Refused: there are none.
+            _RefusedError: there are none.
         """
         settings = self.settings
         back = straight_line(self.arm, joints, -FARTHEST_BACK * T_base_grasp[:3, 2])
         back = self._free_part(back, opened, settings.approach, NO_LINE)
         free, full = self._checker(replace(holding, untested=self._touching(joints, holding))), self._checker(holding)
-        refused = _Refused(NO_LIFT)
+        refused = _RefusedError(NO_LIFT)
         for way in (UP, -T_base_grasp[:3, 2]):
             lift = straight_line(self.arm, joints, HIGHEST_LIFT * way)
             try:
                 lift = self._free_part(lift, free, settings.lift, NO_LIFT, full)
                 _check_parting(lift, full)
-            except _Refused as again:
+            except _RefusedError as again:
                 refused = again
             else:
                 return _Reach(joints, back, lift)
@@ -341,19 +299,19 @@ class _Planner:
             at_end: what must have room at the end; the same if None.
 
         Raises:
-            _Refused: there is none.
+            _RefusedError: there is none.
         """
         steps = round(least / LINE_STEP)
         if len(line) <= steps:
-            raise _Refused(reason)
+            raise _RefusedError(reason)
         met = checker.first_collision(line)
         if met is not None and met <= steps:
-            raise _Refused(_told(checker.meetings(line[met])[0]))
+            raise _RefusedError(_told(checker.meetings(line[met])[0]))
         at_end, margin = at_end or checker, self.settings.margin
         for last in range(steps, len(line) if met is None else met):
             if not at_end.collides(line[last], margin):
                 return line[: last + 1]
-        raise _Refused(_told(at_end.meetings(line[steps], margin)[0]))
+        raise _RefusedError(_told(at_end.meetings(line[steps], margin)[0]))
 
     def _touching(self, joints: Float[np.ndarray, "j"], holding: Load) -> frozenset[Meeting]:
         """What the carried object meets already where it stands: the support, neighbours that lean on it."""
@@ -373,7 +331,7 @@ class _Planner:
         """All phases from and to the start.
 
         Raises:
-            _Refused: one is not possible.
+            _RefusedError: one is not possible.
         """
         settings = self.settings
         carry_checker = self._checker(holding)
@@ -428,7 +386,7 @@ class _Planner:
         Those nearest to where the object was lifted to come first.
 
         Raises:
-            _Refused: there are none.
+            _RefusedError: there are none.
         """
         placing = self.settings.release == "place"
         T_grasp_mount = invert_transform(self.arm.T_mount_grasp(self.gripper))
@@ -445,7 +403,7 @@ class _Planner:
             found.append(self.solver.solutions(above @ T_grasp_mount))
         joints = np.concatenate(found)
         if not len(joints):
-            raise _Refused(NO_DROP)
+            raise _RefusedError(NO_DROP)
         order = np.argsort(np.abs(joints - lifted).max(axis=1), kind="stable")
         lines, reasons = [], []
         for each in _apart(joints[order])[:MOST_DROPS]:
@@ -462,7 +420,7 @@ class _Planner:
             if len(lines) == MOST_WAYS:
                 break
         if not lines:
-            raise _Refused(f"at the drop-off: {_farthest(reasons)}")
+            raise _RefusedError(f"at the drop-off: {_farthest(reasons)}")
         return lines
 
     def _outline(self, T_base_grasp: Float[np.ndarray, "4 4"], holding: Load) -> Float[np.ndarray, "n 3"]:
@@ -484,11 +442,11 @@ class _Planner:
         """Waypoints between two joint positions.
 
         Raises:
-            _Refused: none were found.
+            _RefusedError: none were found.
         """
         way = PathFinder(checker, self.settings.margin, self.rng).find(start, goal)
         if way is None:
-            raise _Refused(reason)
+            raise _RefusedError(reason)
         return way
 
     def _carry(
@@ -497,14 +455,14 @@ class _Planner:
         """Waypoints to the first place to let go of the object that can be reached, and the line down to it.
 
         Raises:
-            _Refused: none can be.
+            _RefusedError: none can be.
         """
         finder = PathFinder(checker, self.settings.margin, self.rng)
         for line in drops:
             way = finder.find(lifted, line[0])
             if way is not None:
                 return way, line
-        raise _Refused(NO_CARRY)
+        raise _RefusedError(NO_CARRY)
 
     def _moving(
         self,
@@ -518,7 +476,7 @@ class _Planner:
         """A phase along a way through joint space, its corners rounded as far as nothing is met.
 
         Raises:
-            _Refused: it meets something even with sharp corners.
+            _RefusedError: it meets something even with sharp corners.
         """
         checker = self._checker(load, left)
         for deviation in DEVIATIONS:
@@ -526,7 +484,7 @@ class _Planner:
             phase = _tested(name, trajectory, load, checker, self.settings.margin)
             if phase is not None:
                 return replace(phase, extra=tuple(left))
-        raise _Refused(reason)
+        raise _RefusedError(reason)
 
     def _line(
         self,
@@ -540,12 +498,12 @@ class _Planner:
         """A phase along a straight line.
 
         Raises:
-            _Refused: it meets something.
+            _RefusedError: it meets something.
         """
         trajectory = self.timing.along(line, LINE_DEVIATION, speed)
         phase = _tested(name, trajectory, load, self._checker(load, left), 0.0)
         if phase is None:
-            raise _Refused(reason)
+            raise _RefusedError(reason)
         return replace(phase, extra=tuple(left))
 
     def _fingers(
@@ -554,12 +512,12 @@ class _Planner:
         """A phase in which only the fingers move.
 
         Raises:
-            _Refused: they meet something.
+            _RefusedError: they meet something.
         """
         checker = self._checker(load, left)
         phase = _tested(name, still(joints, (load.high - load.low) / FINGER_SPEED), load, checker, 0.0)
         if phase is None:
-            raise _Refused(_told(checker.meetings(joints)[0]))
+            raise _RefusedError(_told(checker.meetings(joints)[0]))
         return replace(phase, opening=end, extra=tuple(left))
 
 
@@ -581,21 +539,12 @@ def _check_parting(lift: Float[np.ndarray, "n j"], checker: CollisionChecker) ->
     """Makes sure that what the carried object touches at first it leaves for good.
 
     Raises:
-        _Refused: it comes near it once more.
+        _RefusedError: it comes near it once more.
     """
     meets = [checker.collides(joints) for joints in lift]
     for index in range(1, len(lift)):
         if meets[index] and not meets[index - 1]:
-            raise _Refused(_told(checker.meetings(lift[index])[0]))
-
-
-def _first(attempt: Callable[[], Found], reasons: list[str]) -> Found | None:
-    """What an attempt gives; None, and its reason noted, if it is refused."""
-    try:
-        return attempt()
-    except _Refused as refused:
-        reasons.append(str(refused))
-        return None
+            raise _RefusedError(_told(checker.meetings(lift[index])[0]))
 
 
 def _farthest(reasons: list[str]) -> str:

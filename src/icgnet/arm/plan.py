@@ -28,7 +28,8 @@ class Phase:
         opening: distance between the finger tips that is commanded during this phase [m].
         load: what the hand holds, for collision checks.
         margin: distance from everything that was kept, for certain [m].
-        clearance: least distance of anything that moves to anything that stands around [m], at most 0.05: then nothing is near.
+        clearance: least distance of anything that moves to anything that stands around [m]; at most 0.05, and then
+            nothing is near.
         nearest: between what it is; None if nothing is near.
         extra: bodies that stand around in this phase beside those of the plan: the object where it was put down.
     """

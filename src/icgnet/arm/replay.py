@@ -1,6 +1,7 @@
 """A plan played back step by step, and held against everything that was promised of it."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -81,8 +82,7 @@ def replay(plan: PickPlan, arm: Arm, step: float = STEP) -> Replay:
         speed=max(float(np.abs(each.velocities / arm.velocity).max()) for each in trajectories),
         acceleration=max(float(np.abs(each.accelerations / arm.acceleration).max()) for each in trajectories),
         gap=max(
-            float(np.abs(first.positions[-1] - second.positions[0]).max())
-            for first, second in zip(trajectories[:-1], trajectories[1:], strict=True)
+            float(np.abs(first.positions[-1] - second.positions[0]).max()) for first, second in pairwise(trajectories)
         ),
         depth=deepest,
         where=where,

@@ -9,13 +9,12 @@ Built on pinocchio and coal: a tree of bounding boxes over everything, exact tes
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
-import pinocchio as pin
 from jaxtyping import Float
 
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody
+from icgnet.arm.libraries import coal, pin
 from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.gripper import Box, Gripper
 
@@ -80,7 +79,9 @@ class CollisionChecker:
             for box in hand_boxes(gripper, load.low, load.high)
         ]
         carried = []
-        reach = max(float(np.linalg.norm(np.abs(box.centre) + np.array(box.size) / 2)) for box in gripper.boxes(load.high))
+        reach = max(
+            float(np.linalg.norm(np.abs(box.centre) + np.array(box.size) / 2)) for box in gripper.boxes(load.high)
+        )
         reach += float(np.linalg.norm(T_joint_grasp[:3, 3]))
         if load.carried is not None and load.T_base_gripped is not None:
             T_joint_base = T_joint_grasp @ np.linalg.inv(load.T_base_gripped)

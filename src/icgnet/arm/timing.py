@@ -4,15 +4,13 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import yaml
 from jaxtyping import Float
-from roboplan.core import JointPath, Scene, loadJointLimitsConfig, loadUrdfSceneDescriptionFromXml
-from roboplan.toppra import PathParameterizerTOPPRA, SplineFittingMode, TOPPRAOptions
 
 from icgnet.arm.arm import Arm
+from icgnet.arm.libraries import roboplan, toppra
 from icgnet.errors import InputError
 
 SAMPLE_TIME = 0.01
@@ -87,7 +85,7 @@ class Timing:
 
     def __init__(self, arm: Arm) -> None:
         self.arm = arm
-        self._scene = Scene(arm.name, loadUrdfSceneDescriptionFromXml(_limits_urdf(arm)))
+        self._scene = roboplan.Scene(arm.name, roboplan.loadUrdfSceneDescriptionFromXml(_limits_urdf(arm)))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "limits.yaml"
             limits = {
@@ -95,9 +93,9 @@ class Timing:
                 for name, value in zip(arm.joint_names, arm.acceleration, strict=True)
             }
             path.write_text(yaml.safe_dump({"joint_limits": limits}))
-            self._scene.importJointLimitsFromConfig(loadJointLimitsConfig(path))
+            self._scene.importJointLimitsFromConfig(roboplan.loadJointLimitsConfig(path))
         self._scene.addGroup(GROUP, list(arm.joint_names))
-        self._toppra = PathParameterizerTOPPRA(self._scene, GROUP)
+        self._toppra = toppra.PathParameterizerTOPPRA(self._scene, GROUP)
 
     def along(self, path: Float[np.ndarray, "n j"], deviation: float, speed: float = 1.0) -> Trajectory:
         """The fastest trajectory along straight lines in joint space, their corners rounded.
@@ -118,9 +116,11 @@ class Timing:
         waypoints = [path[0], *path[1:][moves]]
         if len(waypoints) < 2:
             raise InputError("a path must lead from one position to another")
-        given = JointPath()
+        given = roboplan.JointPath()
         given.joint_names, given.positions = list(self.arm.joint_names), waypoints
-        options = TOPPRAOptions(dt=SAMPLE_TIME, mode=SplineFittingMode.LinearBlend, max_blend_deviation=deviation)
+        options = toppra.TOPPRAOptions(
+            dt=SAMPLE_TIME, mode=toppra.SplineFittingMode.LinearBlend, max_blend_deviation=deviation
+        )
         found = self._toppra.generate(given, options)
         trajectory = Trajectory(*map(np.array, (found.times, found.positions, found.velocities, found.accelerations)))
         return slowed(trajectory, max(1.0 / speed, self._excess(trajectory)))
@@ -154,22 +154,13 @@ def joined(parts: Sequence[Trajectory]) -> Trajectory:
     )
 
 
-_TIMINGS: "WeakKeyDictionary[Arm, Timing]" = WeakKeyDictionary()
-
-
-def timing_of(arm: Arm) -> Timing:
-    """The timing of an arm, made once."""
-    if arm not in _TIMINGS:
-        _TIMINGS[arm] = Timing(arm)
-    return _TIMINGS[arm]
-
-
 def _limits_urdf(arm: Arm) -> str:
     """A chain of joints with the arm's names and limits: all that is asked for here."""
     links = [f'<link name="link{index}"/>' for index in range(len(arm.joint_names) + 1)]
     joints = [
         f'<joint name="{name}" type="revolute"><parent link="link{index}"/><child link="link{index + 1}"/>'
-        f'<origin xyz="0 0 0.1"/><axis xyz="0 0 1"/><limit lower="{low}" upper="{high}" velocity="{fast}" effort="1"/></joint>'
+        f'<origin xyz="0 0 0.1"/><axis xyz="0 0 1"/><limit lower="{low}" upper="{high}" velocity="{fast}" effort="1"/>'
+        "</joint>"
         for index, (name, low, high, fast) in enumerate(
             zip(arm.joint_names, arm.lower, arm.upper, arm.velocity, strict=True)
         )
