@@ -63,6 +63,11 @@ class Arm:
         return Arm(read_description(source))
 
     @property
+    def shoulder(self) -> Float[np.ndarray, "3"]:
+        """Where the first joint is, in the frame of the base [m]."""
+        return np.array(self.model.jointPlacements[1].translation)
+
+    @property
     def mount_joint(self) -> int:
         """Number of the joint that moves the link which the hand is mounted on."""
         return self.model.frames[self._mount].parentJoint

@@ -138,7 +138,13 @@ class _Planner:
         T_table_base = invert_transform(T_base_frame @ prediction.T_frame_table)
         height = float(transform_points(T_table_base, drop[None])[0, 2]) - TABLE_HEIGHT
         if height < 0.0:
-            raise InputError(f"drop must be above the support, got {drop.tolist()}, which is {-height:.3f} m below it")
+            raise InputError(f"drop must be above the support, but it is {-height:.3f} m below it")
+        away = float(np.linalg.norm(drop - arm.shoulder))
+        reach = float(arm.reaches[0] + np.linalg.norm(arm.T_mount_grasp(self.gripper)[:3, 3]))
+        if away > reach:
+            raise InputError(
+                f"drop is {away:.2f} m from the first joint of the arm, which reaches {reach:.2f} m at most"
+            )
         self.bodies = bodies_of(prediction, T_base_frame, settings.obstacles)
         self.solver: Solver = make_solver(arm)
         self.timing = Timing(arm)

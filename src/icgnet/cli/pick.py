@@ -74,6 +74,8 @@ class Pick:
         check_replaceable(self.out, "plan.json", self.overwrite)
         if not all(map(math.isfinite, self.drop)):
             raise InputError(f"drop must be three finite numbers [m], got {self.drop}")
+        import numpy as np
+
         from icgnet.arm.arm import Arm
         from icgnet.arm.hand_eye import HandEye
         from icgnet.arm.pick import plan_pick
@@ -83,7 +85,7 @@ class Pick:
         hand_eye = None if self.hand_eye is None else HandEye.read(self.hand_eye)
         prediction, T_base_frame = self._prediction(arm, hand_eye)
         T_base_world = invert_transform(arm.description.T_world_base)
-        drop = transform_points(T_base_world, _column(self.drop))
+        drop = transform_points(T_base_world, np.array(self.drop))
         plan = plan_pick(self._chosen(prediction), arm, T_base_frame, drop, self.settings, self.start or None)
         self._write(plan, arm)
         console = Console()
@@ -142,9 +144,8 @@ def print_plan(plan: "PickPlan", prediction: "Prediction", console: Console) -> 
         print_notice(warning)
     if plan.instance is not None:
         name = prediction.class_of(plan.instance)
-        table = Table(
-            "phase", "time [s]", "fingers [mm]", "least clearance", "nearest", title=f"object {plan.instance}, {name}"
-        )
+        columns = ("phase", "time [s]", "fingers [mm]", "least clearance", "nearest")
+        table = Table(*columns, title=f"object {plan.instance}, {name}")
         for phase in plan.phases:
             near = phase.nearest
             clear = f"{1e3 * phase.clearance:.1f} mm" if near else f"over {1e3 * phase.clearance:.0f} mm"
@@ -168,9 +169,3 @@ def _why_not(plan: "PickPlan", grasps: int) -> str:
         return "there is no grasp to plan for"
     reasons = ", ".join(f"{count} {reason}" for reason, count in plan.refused.items())
     return f"none of the {len(plan.refusals)} grasps that were tried can be carried out: {reasons}"
-
-
-def _column(values: tuple[float, float, float]) -> object:
-    import numpy as np
-
-    return np.array(values)
