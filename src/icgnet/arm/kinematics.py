@@ -3,7 +3,7 @@
 # The compiled modules of pinocchio carry no types.
 # pyright: reportAttributeAccessIssue=false
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,7 @@ LARGEST_JUMP = 0.2
 """Joints that move farther than this within one step of a line have changed over to another solution [rad]."""
 
 
+@runtime_checkable
 class Solver(Protocol):
     """Inverse kinematics of the link that the hand is mounted on."""
 
@@ -91,7 +92,7 @@ class NumericalSolver:
         return _nearest_first(self.arm, np.array(found).reshape(-1, len(self.arm.home)))
 
 
-def _nearest_first(arm: Arm, found: Float[np.ndarray, "s j"]) -> Float[np.ndarray, "s j"]:
+def _nearest_first(arm: Arm, found: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "s j"]:
     inside = found[((found >= arm.lower) & (found <= arm.upper)).all(axis=1)]
     return inside[np.argsort(((inside - arm.home) ** 2).sum(axis=1), kind="stable")]
 
