@@ -123,7 +123,7 @@ def test_an_unknown_arm_is_told_the_known_ones():
 
 
 def test_joints_outside_of_their_limits_are_named(fr3):
-    with pytest.raises(InputError, match="start: fr3_joint4 must be between -2.7478 and -0.4461 rad, got 0"):
+    with pytest.raises(InputError, match=r"start: fr3_joint4 must be between -2\.7478 and -0\.4461 rad, got 0"):
         fr3.check_joints(np.zeros(7) + [0, 0, 0, 0, 0, 1, 0], "start")
 
 

@@ -1,5 +1,7 @@
 """Ways around things."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import trimesh
@@ -27,7 +29,7 @@ def test_the_way_around_a_wall_meets_nothing(around_a_wall):
     way = finder.find(start, goal)
     assert way is not None
     np.testing.assert_array_equal(way[[0, -1]], [start, goal])
-    fine = np.concatenate([np.linspace(a, b, 200) for a, b in zip(way[:-1], way[1:], strict=True)])
+    fine = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(way)])
     assert checker.first_collision(fine) is None
     assert checker.arm.within_limits(fine)
 
@@ -50,7 +52,7 @@ def test_where_there_is_no_way_the_search_ends(fr3, hand):
     tip = fr3.grasp_pose(goal, hand)[:3, 3]
     cage = trimesh.creation.box((0.7, 0.5, 0.9)).apply_translation([tip[0], tip[1], 0.45])  # around the goal's hand
     checker = CollisionChecker(fr3, hand, [CollisionBody("cage", cage)], Load(0.05, 0.05))
-    assert PathFinder(checker, MARGIN, np.random.default_rng(0)).find(start, goal, most_nodes=60) is None
+    assert PathFinder(checker, MARGIN, np.random.default_rng(0)).find(start, goal, most_tries=60) is None
 
 
 @pytest.mark.parametrize("count", [2, 3, 17])

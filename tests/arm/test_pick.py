@@ -145,8 +145,7 @@ def test_an_arm_that_would_meet_a_tall_neighbour_is_refused_with_its_part(fr3, s
 
 def test_a_carried_object_that_hits_is_refused_only_if_it_is_checked(fr3, seen):
     # A long bar whose ends lie under two shelves, with the hand between them.
-    bar = box((0.03, 0.04, 0.03))
-    bar = bar.union(bar) if False else box((0.34, 0.04, 0.03))
+    bar = box((0.34, 0.04, 0.03))
     shelves = [box((0.06, 0.2, 0.01), x=0.15 + side * 0.15, z=0.12) for side in (-1, 1)]
     prediction = seen([bar, *shelves])
     refused = plan_pick(prediction, fr3, T_BASE_FRAME, DROP)

@@ -1,5 +1,7 @@
 """Trajectories within the arm's limits."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -74,7 +76,7 @@ def test_between_samples_nothing_moves_farther_than_asked_for(fr3, timing, path)
     samples = timing.along(path, 0.05).samples(fr3.reaches, 0.02)
     np.testing.assert_allclose(samples[[0, -1]], path[[0, -1]], atol=1e-9)
     corners = [np.concatenate([mesh.vertices for mesh in fr3.link_meshes(joints)]) for joints in samples]
-    ways = [np.linalg.norm(b - a, axis=1).max() for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    ways = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(corners)]
     assert max(ways) <= 0.02
 
 

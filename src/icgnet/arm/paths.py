@@ -9,8 +9,8 @@ from icgnet.arm.scene import CollisionChecker
 
 LONGEST_STEP = 0.6
 """A tree grows by steps of at most this [rad], summed up in squares over the joints."""
-MOST_NODES = 600
-"""Of both trees together; a way that needs more is given up."""
+MOST_TRIES = 600
+"""So many positions the trees grow towards; a way that needs more is given up."""
 SHORTCUTS = 40
 """Tries to shorten a way."""
 COARSE = 0.02
@@ -32,12 +32,12 @@ class PathFinder:
         self._lower, self._upper = checker.arm.lower, checker.arm.upper
 
     def find(
-        self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"], most_nodes: int = MOST_NODES
+        self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"], most_tries: int = MOST_TRIES
     ) -> Float[np.ndarray, "n j"] | None:
         """Waypoints from start to goal, joined by straight lines in joint space; None if no way was found."""
         if self.is_free(start, goal):
             return np.array([start, goal])
-        way = self._connect(start, goal, most_nodes)
+        way = self._connect(start, goal, most_tries)
         return None if way is None else self._shortened(way)
 
     def is_free(self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"]) -> bool:
@@ -47,7 +47,7 @@ class PathFinder:
         return self._checker.first_collision(path, self._margin) is None
 
     def _connect(
-        self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"], most_nodes: int
+        self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"], most_tries: int
     ) -> list[Float[np.ndarray, "j"]] | None:
         """RRT-Connect: two trees that grow in turn, each towards a drawn position and then towards the other.
 
@@ -55,7 +55,7 @@ class PathFinder:
         """
         trees = (_Tree(start), _Tree(goal))
         growing, other = trees
-        while len(trees[0]) + len(trees[1]) < most_nodes:
+        for _ in range(most_tries):
             drawn = self._rng.uniform(self._lower, self._upper)
             reached = self._grow(growing, drawn)
             if reached is not None:
