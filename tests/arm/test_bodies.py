@@ -49,7 +49,10 @@ def test_points_of_no_object_are_background_unless_they_lie_on_the_support_or_al
     )
     cloud = PointCloud(np.concatenate([prediction.cloud.points, stray]), None, "world")
     labels = np.concatenate([prediction.cloud_instances, np.full(5, NO_INSTANCE)])
-    bodies = bodies_of(replace(prediction, cloud=cloud, cloud_instances=labels), T_BASE_FRAME)
+    bodies = bodies_of(
+        replace(prediction, cloud=cloud, cloud_instances=labels, input_rows=np.arange(605), input_shape=(605,)),
+        T_BASE_FRAME,
+    )
     (background,) = [body for body in bodies if body.name == BACKGROUND]
     assert background.mesh.volume == pytest.approx(1e-6)
     np.testing.assert_allclose(background.mesh.bounds.mean(axis=0), [0.655, 0.155, 0.105], atol=1e-6)

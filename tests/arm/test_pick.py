@@ -197,8 +197,6 @@ def test_wrong_input_is_one_line(fr3, seen, changes, message):
         ({"margin": 0.0}, "margin must be at least 0.001"),
         ({"lift": 0.5}, "lift must be at least 0.02 and at most 0.2"),
         ({"speed": 0.0}, "speed must be at least 0.01"),
-        ({"release": "throw"}, "release must be one of drop, place"),
-        ({"obstacles": "air"}, "obstacles must be one of shapes, points"),
     ],
 )
 def test_wrong_settings_are_refused(values, message):

@@ -24,7 +24,7 @@ def path(fr3):
 def test_the_limits_are_kept_and_the_ends_are_at_rest(fr3, timing, path, deviation):
     trajectory = timing.along(path, deviation)
     assert (np.abs(trajectory.velocities) <= fr3.velocity * (1 + 1e-9)).all()
-    assert (np.abs(trajectory.accelerations) <= fr3.acceleration * (1 + 1e-9)).all()
+    assert (np.abs(trajectory.all_accelerations) <= fr3.acceleration * (1 + 1e-9)).all()
     np.testing.assert_allclose(trajectory.positions[[0, -1]], path[[0, -1]], atol=1e-9)
     np.testing.assert_allclose(trajectory.velocities[[0, -1]], 0.0, atol=1e-9)
     # Velocities are those of the positions, and at least one limit is used.

@@ -386,7 +386,7 @@ class _Planner:
         T_base_grasp: Float[np.ndarray, "4 4"],
         holding: Load,
         checker: CollisionChecker,
-    ) -> list[Float[np.ndarray, "n j"]]:
+    ) -> list[Float[np.ndarray, "_ j"]]:
         """Lines down to joint positions at which the object can be let go of, of one point where it is dropped.
 
         Those nearest to where the object was lifted to come first.
@@ -456,7 +456,7 @@ class _Planner:
         return way
 
     def _carry(
-        self, lifted: Float[np.ndarray, "j"], drops: list[Float[np.ndarray, "n j"]], checker: CollisionChecker
+        self, lifted: Float[np.ndarray, "j"], drops: list[Float[np.ndarray, "_ j"]], checker: CollisionChecker
     ) -> tuple[Float[np.ndarray, "n j"], Float[np.ndarray, "m j"]]:
         """Waypoints to the first place to let go of the object that can be reached, and the line down to it.
 

@@ -102,7 +102,7 @@ class PickPlan:
     @property
     def duration(self) -> float:
         """Time from start to end [s]."""
-        return sum(phase.trajectory.duration for phase in self.phases)
+        return sum((phase.trajectory.duration for phase in self.phases), 0.0)
 
     @property
     def refused(self) -> dict[str, int]:

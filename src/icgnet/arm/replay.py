@@ -23,7 +23,7 @@ class Replay:
     Attributes:
         positions_kept: whether all joint positions are within their limits.
         speed: largest share of the allowed speed of any joint.
-        acceleration: largest share of the allowed acceleration of any joint.
+        acceleration: largest share of the allowed acceleration of any joint, also by differences of velocities.
         gap: largest jump of a joint from one phase to the next [rad].
         depth: how deep anything is in something else, at most [m].
         where: in which phase, and what; None if nothing meets.
@@ -80,7 +80,7 @@ def replay(plan: PickPlan, arm: Arm, step: float = STEP) -> Replay:
     return Replay(
         positions_kept=kept,
         speed=max(float(np.abs(each.velocities / arm.velocity).max()) for each in trajectories),
-        acceleration=max(float(np.abs(each.accelerations / arm.acceleration).max()) for each in trajectories),
+        acceleration=max(float(np.abs(each.all_accelerations / arm.acceleration).max()) for each in trajectories),
         gap=max(
             float(np.abs(first.positions[-1] - second.positions[0]).max()) for first, second in pairwise(trajectories)
         ),

@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,12 @@ class Trajectory:
     def duration(self) -> float:
         """How long it takes [s]."""
         return float(self.times[-1])
+
+    @property
+    def all_accelerations(self) -> Float[np.ndarray, "_ j"]:
+        """The accelerations at all points, and those that the velocities between them mean [rad/s^2]."""
+        between = np.diff(self.velocities, axis=0) / np.diff(self.times)[:, None]
+        return np.concatenate([self.accelerations, between])
 
     def at(self, times: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m j"]:
         """Joint positions at these times [rad]: between its points, cubic curves through positions and velocities."""
@@ -116,19 +123,24 @@ class Timing:
         waypoints = [path[0], *path[1:][moves]]
         if len(waypoints) < 2:
             raise InputError("a path must lead from one position to another")
+        # Without rounding, the library would go around corners without stopping there.
+        parts = [waypoints] if deviation > 0.0 else list(pairwise(waypoints))
+        trajectory = joined([self._through(list(part), deviation) for part in parts])
+        return slowed(trajectory, max(1.0 / speed, self._excess(trajectory)))
+
+    def _through(self, waypoints: list[Float[np.ndarray, "j"]], deviation: float) -> Trajectory:
+        """The fastest trajectory through waypoints, their corners rounded."""
         given = roboplan.JointPath()
         given.joint_names, given.positions = list(self.arm.joint_names), waypoints
-        options = toppra.TOPPRAOptions(
-            dt=SAMPLE_TIME, mode=toppra.SplineFittingMode.LinearBlend, max_blend_deviation=deviation
-        )
+        mode = toppra.SplineFittingMode.LinearBlend
+        options = toppra.TOPPRAOptions(dt=SAMPLE_TIME, mode=mode, max_blend_deviation=deviation)
         found = self._toppra.generate(given, options)
-        trajectory = Trajectory(*map(np.array, (found.times, found.positions, found.velocities, found.accelerations)))
-        return slowed(trajectory, max(1.0 / speed, self._excess(trajectory)))
+        return Trajectory(*map(np.array, (found.times, found.positions, found.velocities, found.accelerations)))
 
     def _excess(self, trajectory: Trajectory) -> float:
         """By how much a trajectory must be slowed down to keep the limits at all of its points; 1 if not at all."""
         fast = np.abs(trajectory.velocities / self.arm.velocity).max()
-        sharp = np.abs(trajectory.accelerations / self.arm.acceleration).max()
+        sharp = np.abs(trajectory.all_accelerations / self.arm.acceleration).max()
         return max(1.0, float(fast), float(np.sqrt(sharp)))
 
 
