@@ -34,7 +34,7 @@ def test_a_camera_on_the_arm_moves_with_it(tmp_path, fr3):
         ({}, "must hold T_base_camera"),
         ({"T_tool_camera": POSE}, "and joints"),
         ({"T_base_camera": POSE, "joints": [0.0] * 7}, "must hold T_base_camera"),
-        ({"T_base_camera": [400.0, 100.0, 700.0, 0, 1, 0, 0]}, "T_base_camera must be in metres"),
+        ({"T_base_camera": [400.0, 100.0, 700.0, 0, 1, 0, 0]}, "looks like millimetres"),
         ({"T_base_camera": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "right-handed"),
         ({"T_tool_camera": [60.0, 0, 0, 1, 0, 0, 0], "joints": [0.0] * 7}, "T_tool_camera must be in metres"),
     ],
