@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -9,18 +10,18 @@ import trimesh
 
 from arm_scenes import from_above
 from box_objects import predicted
-from icgnet.errors import MissingExtraError
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.inference.prediction import Prediction
 
-pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
-
-from icgnet.arm.arm import Arm
+if TYPE_CHECKING:
+    from icgnet.arm.arm import Arm
 
 
 @pytest.fixture(scope="session")
-def fr3() -> Arm:
+def fr3() -> "Arm":
+    from icgnet.arm.arm import Arm
+
     return Arm.load("fr3")
 
 

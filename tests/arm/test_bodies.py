@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import needs_arm  # noqa: F401
 from arm_scenes import T_BASE_FRAME, box
 from icgnet.arm.bodies import BACKGROUND, SUPPORT, bodies_of, cubes_around
 from icgnet.geometry.clouds import PointCloud

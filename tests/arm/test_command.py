@@ -7,6 +7,7 @@ import pytest
 import yaml
 from PIL import Image
 
+import needs_arm  # noqa: F401
 from arm_scenes import T_BASE_FRAME, box
 from icgnet.arm.description import ARMS
 from icgnet.cli.main import main

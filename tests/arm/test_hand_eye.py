@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+import needs_arm  # noqa: F401
 from icgnet.arm.hand_eye import HandEye
 from icgnet.errors import DataError, InputError
 

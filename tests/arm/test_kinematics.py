@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import needs_arm  # noqa: F401
 from icgnet.arm.arm import Arm
 from icgnet.arm.description import read_description
 from icgnet.arm.kinematics import LINE_STEP, FrankaSolver, NumericalSolver, make_solver, straight_line

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import needs_arm  # noqa: F401
 from icgnet.arm.bodies import CollisionBody
 from icgnet.arm.paths import PathFinder, _spread
 from icgnet.arm.scene import CollisionChecker, Load

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import needs_arm  # noqa: F401
 from arm_scenes import DROP, T_BASE_FRAME, box
 from icgnet.arm.pick import plan_pick
 from icgnet.arm.replay import replay

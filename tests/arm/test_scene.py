@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import needs_arm  # noqa: F401
 from icgnet.arm.bodies import CollisionBody
 from icgnet.arm.scene import CARRIED, CLEARANCE_STEP, HAND, CollisionChecker, Load, Meeting, hand_boxes
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import needs_arm  # noqa: F401
 from icgnet.arm.kinematics import straight_line
 from icgnet.arm.timing import Timing, joined, slowed, still
 from icgnet.errors import InputError
