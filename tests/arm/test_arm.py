@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-import icgnet.arm.libraries as libraries
 import needs_arm  # noqa: F401
+from icgnet.arm import libraries
 from icgnet.arm.arm import Arm
 from icgnet.arm.description import ARMS, read_description
 from icgnet.errors import DataError, InputError, MissingExtraError
