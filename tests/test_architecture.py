@@ -14,6 +14,7 @@ from types import CodeType
 import pytest
 
 import icgnet
+from icgnet.errors import MissingExtraError
 
 PACKAGE = Path(icgnet.__file__).parent
 
@@ -43,10 +44,11 @@ MAY_IMPORT = {
     },
     "inference": {"foundation", "geometry", "grasping", "objects", "network"},
     "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
-    "viewer": {"foundation", "geometry", "grasping", "inference", "predictor"},
+    "arm": {"foundation", "geometry", "grasping", "inference"},
+    "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
-        *("parallel", "training", "inference", "predictor", "viewer"),
+        *("parallel", "training", "inference", "predictor", "arm", "viewer"),
     },
 }
 MAY_IMPORT["studies"] = {"benchmark", *MAY_IMPORT["benchmark"]}
@@ -64,6 +66,10 @@ AT_HOME = {
     "torch": {"network", "training", "inference", "predictor", "benchmark", "studies"},
     "embreex": {"geometry"},
     "coacd": {"objects"},
+    "pinocchio": {"arm"},
+    "coal": {"arm"},
+    "frankik": {"arm"},
+    "roboplan": {"arm"},
 }
 """Packages that only these layers know."""
 
@@ -127,6 +133,8 @@ def test_a_heavy_package_is_imported_only_at_home(package):
 def test_every_global_name_is_defined(module):
     # Linters cannot tell: the letters of jaxtyping's shapes look like names to them.
     name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
+    if "arm" in module.parts or module.stem == "pick_picture":
+        pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
     known = {*vars(importlib.import_module(name)), *vars(builtins)}
     codes = [compile((PACKAGE / module).read_text(), str(module), "exec")]
     for code in codes:

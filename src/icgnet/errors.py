@@ -19,3 +19,7 @@ class TrainingDivergedError(IcgnetError):
 
 class DataError(IcgnetError):
     """A file (recipes, weights, gripper, mesh, calibration) is broken, foreign or of another version."""
+
+
+class MissingExtraError(IcgnetError, ImportError):
+    """A package is not installed that only a part of icgnet needs; the message says how to install it."""

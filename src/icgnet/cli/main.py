@@ -16,6 +16,7 @@ from icgnet.errors import IcgnetError
 COMMANDS = {
     "demo": ("demo:Demo", "Find objects and grasps in the depth image that ships with the package."),
     "predict": ("predict:Predict", "Find objects and grasps in a depth image or a cloud."),
+    "pick": ("pick:Pick", "Plan how an arm picks an object up, carries it and lets go of it."),
     "view": ("view:View", "Look at a saved prediction in the browser."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (

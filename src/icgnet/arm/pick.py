@@ -1,0 +1,571 @@
+"""From a prediction to a plan: the best grasp that the arm can reach, carry away and let go of, meeting nothing.
+
+Grasps are tried in their order. For each, cheap questions come first: joint positions, straight lines, a place to let
+go; then ways between them; then the trajectories, which are tested once more, finely enough that nothing is missed.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from icgnet.arm.arm import Arm
+from icgnet.arm.bodies import CollisionBody, bodies_of, object_name
+from icgnet.arm.kinematics import LINE_STEP, Solver, make_solver, straight_line
+from icgnet.arm.paths import PathFinder
+from icgnet.arm.plan import Phase, PickPlan, Refusal
+from icgnet.arm.scene import CARRIED, HAND, CollisionChecker, Load, Meeting
+from icgnet.arm.settings import DEFAULT_PICK, FARTHEST_BACK, HIGHEST_LIFT, PickSettings
+from icgnet.arm.timing import Timing, Trajectory, still
+from icgnet.errors import InputError
+from icgnet.geometry.arrays import position
+from icgnet.geometry.transforms import check_pose, invert_transform, make_transform, rotation_z, transform_points
+from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.inference.prediction import Prediction
+
+UP = np.array([0.0, 0.0, 1.0])
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""A parallel-jaw hand turned by this about its approach takes the same grasp."""
+MOST_REACHES, MOST_DROPS, MOST_WAYS = 6, 24, 2
+"""So many joint positions are asked for collisions for a grasp and for a place to let go, and so many ways are looked
+for."""
+DROP_TURNS = 8
+"""In so many directions about the vertical an object may be let go of."""
+DEVIATIONS = (0.1, 0.02, 0.0)
+"""How far rounded corners may be from the waypoints of a way [rad]: the next one where the first meets something."""
+LINE_DEVIATION = 0.002
+CLEARANCE_TRAVEL = 0.005
+"""Clearances are those at positions between which no point moves farther than this [m], or than between two tests."""
+UNSEEN = 0.0005
+"""How deep things may meet between two positions that were tested [m], at most."""
+FINGER_SPEED = 0.1
+"""Of the finger tips, against each other [m/s]."""
+STAND_OFF = 0.002
+"""Height at which an object is let go of above what it shall stand on [m]."""
+
+NO_IK = "no joint positions"
+NO_REACH, NO_LINE, NO_LIFT = "no way to the object", "no straight way in", "no straight way up"
+NO_DROP, NO_CARRY, NO_LOWER = "drop-off out of reach", "no way to the drop-off", "no straight way down"
+NO_LEAVE, NO_RETURN = "no straight way out", "no way back"
+
+
+def plan_pick(
+    prediction: Prediction,
+    arm: Arm,
+    T_base_frame: Any,
+    drop: Any,
+    settings: PickSettings = DEFAULT_PICK,
+    start: Any = None,
+) -> PickPlan:
+    """A plan for the first grasp of a prediction that can be carried out.
+
+    Args:
+        prediction: what was found; its grasps are tried in their order.
+        arm: the arm; its hand is that of the prediction.
+        T_base_frame: pose of the prediction's frame in that of the arm's base.
+        drop: [3] where the object is let go of, in the frame of the base [m]: its lowest point is then at this height,
+            and its middle above this place.
+        settings: how to plan.
+        start: joint positions from which the arm starts and to which it returns [rad]; home if None.
+
+    Returns:
+        The plan, with the reasons for which better grasps were refused; without phases if all were.
+
+    Raises:
+        InputError: a pose or a place that is none, a drop-off inside of the support, or an arm that meets something
+            where it starts.
+    """
+    planner = _Planner(
+        prediction,
+        arm,
+        check_pose(T_base_frame, "T_base_frame"),
+        position(drop, "drop"),
+        settings,
+        arm.home if start is None else arm.check_joints(start, "start"),
+    )
+    return planner.plan()
+
+
+class _RefusedError(Exception):
+    """A grasp cannot be carried out; the argument says why."""
+
+
+class _Clock:
+    """Adds up the time of the stages."""
+
+    def __init__(self) -> None:
+        self.laps_ms: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Books the time since the last call under a stage."""
+        now = time.perf_counter()
+        self.laps_ms[stage] = self.laps_ms.get(stage, 0.0) + 1e3 * (now - self._last)
+        self._last = now
+
+
+@dataclass(frozen=True, eq=False)
+class _Reach:
+    """How a grasp is reached and left: joint positions at the grasp, on the line before it and on the line after it.
+
+    Both lines begin at the grasp.
+    """
+
+    joints: Float[np.ndarray, "j"]
+    back: Float[np.ndarray, "n j"]
+    lift: Float[np.ndarray, "m j"]
+
+
+class _Planner:
+    """Everything that is the same for all grasps of one pick."""
+
+    def __init__(
+        self,
+        prediction: Prediction,
+        arm: Arm,
+        T_base_frame: Float[np.ndarray, "4 4"],
+        drop: Float[np.ndarray, "3"],
+        settings: PickSettings,
+        start: Float[np.ndarray, "j"],
+    ) -> None:
+        self.clock = _Clock()
+        self.arm, self.gripper, self.settings = arm, prediction.gripper, settings
+        self.grasps = prediction.grasps.transformed(T_base_frame)
+        self.drop, self.start = drop, start
+        T_table_base = invert_transform(T_base_frame @ prediction.T_frame_table)
+        height = float(transform_points(T_table_base, drop[None])[0, 2]) - TABLE_HEIGHT
+        if height < 0.0:
+            raise InputError(f"drop must be above the support, but it is {-height:.3f} m below it")
+        away = float(np.linalg.norm(drop - arm.shoulder))
+        reach = float(arm.reaches[0] + np.linalg.norm(arm.T_mount_grasp(self.gripper)[:3, 3]))
+        if away > reach:
+            raise InputError(
+                f"drop is {away:.2f} m from the first joint of the arm, which reaches {reach:.2f} m at most"
+            )
+        self.bodies = bodies_of(prediction, T_base_frame, settings.obstacles)
+        self.solver: Solver = make_solver(arm)
+        self.timing = Timing(arm)
+        self.rng = np.random.default_rng(settings.seed)
+        self.clock.lap("bodies")
+
+    def plan(self) -> PickPlan:
+        """The plan, see `plan_pick`.
+
+        Raises:
+            InputError: the arm meets something where it starts.
+        """
+        opened = Load(self.gripper.max_opening, self.gripper.max_opening)
+        meetings = self._checker(opened).meetings(self.start, self.settings.margin)
+        if meetings:
+            raise InputError(
+                f"start: the arm must be at least {self.settings.margin:g} m from everything, but its "
+                f"{meetings[0].part} meets {meetings[0].body}"
+            )
+        refusals: list[Refusal] = []
+        for index in range(min(len(self.grasps), self.settings.most_grasps)):
+            instance = int(self.grasps.instances[index])
+            try:
+                T_base_grasp, phases = self._try(index, instance)
+            except _RefusedError as refused:
+                refusals.append(Refusal(index, instance, str(refused)))
+            else:
+                return self._result(index, instance, T_base_grasp, phases, refusals)
+        return self._result(None, None, None, (), refusals)
+
+    def _result(
+        self,
+        grasp: int | None,
+        instance: int | None,
+        T_base_grasp: Float[np.ndarray, "4 4"] | None,
+        phases: tuple[Phase, ...],
+        refusals: list[Refusal],
+    ) -> PickPlan:
+        return PickPlan(
+            arm=self.arm.name,
+            joint_names=self.arm.joint_names,
+            gripper=self.gripper,
+            grasp=grasp,
+            instance=instance,
+            T_base_grasp=T_base_grasp,
+            phases=phases,
+            refusals=tuple(refusals),
+            timings_ms=self.clock.laps_ms,
+            bodies=self.bodies,
+        )
+
+    def _checker(self, load: Load, extra: Sequence[CollisionBody] = ()) -> CollisionChecker:
+        return CollisionChecker(self.arm, self.gripper, (*self.bodies, *extra), load)
+
+    def _try(self, index: int, instance: int) -> tuple[Float[np.ndarray, "4 4"], tuple[Phase, ...]]:
+        """The phases for one grasp.
+
+        Raises:
+            _RefusedError: it cannot be carried out.
+        """
+        pose = self.grasps.poses[index]
+        opening = float(min(self.grasps.openings[index], self.gripper.max_opening))
+        width = float(min(self.grasps.widths[index], opening))
+        target = next(body for body in self.bodies if body.name == object_name(instance))
+        # Cubes around its points reach between the fingers.
+        beside = frozenset({Meeting(HAND, target.name)})
+        opened = Load(opening, opening, untested=beside if target.from_points else frozenset())
+        checker = self._checker(opened)
+        reaches: list[tuple[Float[np.ndarray, "4 4"], Load, _Reach]] = []
+        reasons: list[str] = []
+        for T_base_grasp in (pose, pose @ HALF_TURN):
+            holding = Load(
+                width,
+                width,
+                carried=target if self.settings.check_carried else None,
+                T_base_gripped=T_base_grasp,
+                absent=frozenset({target.name}),
+            )
+            reach = self._reach(T_base_grasp, checker, holding, reasons)
+            if reach is not None:
+                reaches.append((T_base_grasp, holding, reach))
+        self.clock.lap("grasp")
+        for T_base_grasp, holding, reach in reaches:
+            try:
+                return T_base_grasp, self._phases(reach, T_base_grasp, opened, holding, checker)
+            except _RefusedError as refused:
+                reasons.append(str(refused))
+        raise _RefusedError(_farthest(reasons))
+
+    def _reach(
+        self, T_base_grasp: Float[np.ndarray, "4 4"], opened: CollisionChecker, holding: Load, reasons: list[str]
+    ) -> _Reach | None:
+        """How a grasp is reached and left by the first joint positions that can; None, and why not, if none can."""
+        for joints in self._free_joints(T_base_grasp, opened, reasons):
+            try:
+                return self._lines(joints, T_base_grasp, opened, holding)
+            except _RefusedError as refused:
+                reasons.append(str(refused))
+        return None
+
+    def _free_joints(
+        self, T_base_grasp: Float[np.ndarray, "4 4"], checker: CollisionChecker, reasons: list[str]
+    ) -> Iterator[Float[np.ndarray, "j"]]:
+        """Joint positions at a grasp that meet nothing, those nearest to home first."""
+        T_base_mount = T_base_grasp @ invert_transform(self.arm.T_mount_grasp(self.gripper))
+        solutions = self.solver.solutions(T_base_mount)
+        if not len(solutions):
+            reasons.append(NO_IK)
+        for joints in _apart(solutions)[:MOST_REACHES]:
+            if checker.collides(joints):
+                reasons.append(_told(checker.meetings(joints)[0]))
+            else:
+                yield joints
+
+    def _lines(
+        self,
+        joints: Float[np.ndarray, "j"],
+        T_base_grasp: Float[np.ndarray, "4 4"],
+        opened: CollisionChecker,
+        holding: Load,
+    ) -> _Reach:
+        """The straight lines before and after a grasp.
+
+        Raises:
+            _RefusedError: there are none.
+        """
+        settings = self.settings
+        back = straight_line(self.arm, joints, -FARTHEST_BACK * T_base_grasp[:3, 2])
+        back = self._free_part(back, opened, settings.approach, NO_LINE)
+        free, full = self._checker(replace(holding, untested=self._touching(joints, holding))), self._checker(holding)
+        refused = _RefusedError(NO_LIFT)
+        for way in (UP, -T_base_grasp[:3, 2]):
+            lift = straight_line(self.arm, joints, HIGHEST_LIFT * way)
+            try:
+                lift = self._free_part(lift, free, settings.lift, NO_LIFT, full)
+                _check_parting(lift, full)
+            except _RefusedError as again:
+                refused = again
+            else:
+                return _Reach(joints, back, lift)
+        raise refused
+
+    def _free_part(
+        self,
+        line: Float[np.ndarray, "n j"],
+        checker: CollisionChecker,
+        least: float,
+        reason: str,
+        at_end: CollisionChecker | None = None,
+    ) -> Float[np.ndarray, "m j"]:
+        """The shortest beginning of a line that meets nothing and ends with room around it.
+
+        Args:
+            line: joint positions.
+            checker: what must not meet on the line.
+            least: length [m].
+            reason: of the refusal if the line itself is too short.
+            at_end: what must have room at the end; the same if None.
+
+        Raises:
+            _RefusedError: there is none.
+        """
+        steps = round(least / LINE_STEP)
+        if len(line) <= steps:
+            raise _RefusedError(reason)
+        met = checker.first_collision(line)
+        if met is not None and met <= steps:
+            raise _RefusedError(_told(checker.meetings(line[met])[0]))
+        at_end, margin = at_end or checker, self.settings.margin
+        for last in range(steps, len(line) if met is None else met):
+            if not at_end.collides(line[last], margin):
+                return line[: last + 1]
+        raise _RefusedError(_told(at_end.meetings(line[steps], margin)[0]))
+
+    def _touching(self, joints: Float[np.ndarray, "j"], holding: Load) -> frozenset[Meeting]:
+        """What the carried object meets already where it stands: the support, neighbours that lean on it."""
+        if holding.carried is None:
+            return frozenset()
+        meetings = self._checker(holding).meetings(joints)
+        return frozenset(each for each in meetings if each.part == CARRIED)
+
+    def _phases(
+        self,
+        reach: _Reach,
+        T_base_grasp: Float[np.ndarray, "4 4"],
+        opened: Load,
+        holding: Load,
+        checker: CollisionChecker,
+    ) -> tuple[Phase, ...]:
+        """All phases from and to the start.
+
+        Raises:
+            _RefusedError: one is not possible.
+        """
+        settings = self.settings
+        carry_checker = self._checker(holding)
+        drops = self._drops(reach.lift[-1], T_base_grasp, holding, carry_checker)
+        self.clock.lap("drop-off")
+        there = self._way(self.start, reach.back[-1], checker, NO_REACH)
+        carry, lowered = self._carry(reach.lift[-1], drops, carry_checker)
+        released = lowered[-1]
+        left = [] if settings.release == "drop" or holding.carried is None else [self._placed(released, holding)]
+        after = replace(opened, absent=holding.absent)
+        leaving = replace(after, untested=frozenset({Meeting(HAND, body.name) for body in left}))
+        after_checker = self._checker(after, left)
+        out = released[None]
+        if settings.release == "place":
+            T_base_released = self.arm.grasp_pose(released, self.gripper)
+            line = straight_line(self.arm, released, -FARTHEST_BACK * T_base_released[:3, 2])
+            out = self._free_part(line, self._checker(leaving, left), settings.approach, NO_LEAVE)
+        home = self._way(out[-1], self.start, after_checker, NO_RETURN)
+        self.clock.lap("ways")
+
+        touching = self._touching(reach.joints, holding)
+        target = frozenset() if holding.carried is None else frozenset({Meeting(HAND, holding.carried.name)})
+        target |= frozenset(Meeting(HAND, name) for name in holding.absent)
+        closing = Load(holding.low, opened.high, untested=target)
+        opening = replace(after, low=holding.low, untested=leaving.untested)
+        line_speed, speed = settings.line_speed, settings.speed
+        phases = [
+            self._moving("reach", there, opened, speed, NO_REACH),
+            self._line("approach", reach.back[::-1], opened, line_speed, NO_LINE),
+            self._fingers("close", reach.joints, closing, holding.low),
+            self._line("lift", reach.lift, replace(holding, untested=touching), line_speed, NO_LIFT),
+            self._moving("carry", carry, holding, speed, NO_CARRY),
+        ]
+        if settings.release == "place":
+            phases.append(self._line("lower", lowered, holding, line_speed, NO_LOWER))
+        phases.append(self._fingers("release", released, opening, opened.high, left))
+        if settings.release == "place":
+            phases.append(self._line("leave", out, leaving, line_speed, NO_LEAVE, left))
+        phases.append(self._moving("return", home, after, speed, NO_RETURN, left))
+        self.clock.lap("trajectories")
+        return tuple(phases)
+
+    def _drops(
+        self,
+        lifted: Float[np.ndarray, "j"],
+        T_base_grasp: Float[np.ndarray, "4 4"],
+        holding: Load,
+        checker: CollisionChecker,
+    ) -> list[Float[np.ndarray, "_ j"]]:
+        """Lines down to joint positions at which the object can be let go of, of one point where it is dropped.
+
+        Those nearest to where the object was lifted to come first.
+
+        Raises:
+            _RefusedError: there are none.
+        """
+        placing = self.settings.release == "place"
+        T_grasp_mount = invert_transform(self.arm.T_mount_grasp(self.gripper))
+        outline = self._outline(T_base_grasp, holding)
+        found = []
+        for angle in 2 * np.pi * np.arange(DROP_TURNS) / DROP_TURNS:
+            T_turned = make_transform(rotation_z(angle), np.zeros(3)) @ T_base_grasp
+            points = outline @ T_turned[:3, :3].T
+            lower, upper = points.min(axis=0), points.max(axis=0)
+            offset = np.array([*(lower + upper)[:2] / 2, lower[2] - STAND_OFF * placing])
+            T_turned[:3, 3] = self.drop - offset
+            above = T_turned.copy()
+            above[2, 3] += placing * self.settings.lift
+            found.append(self.solver.solutions(above @ T_grasp_mount))
+        joints = np.concatenate(found)
+        if not len(joints):
+            raise _RefusedError(NO_DROP)
+        order = np.argsort(np.abs(joints - lifted).max(axis=1), kind="stable")
+        lines, reasons = [], []
+        for each in _apart(joints[order])[:MOST_DROPS]:
+            line = each[None]
+            if checker.collides(each, self.settings.margin):
+                reasons.append(_told(checker.meetings(each, self.settings.margin)[0]))
+                continue
+            if placing:
+                line = straight_line(self.arm, each, -self.settings.lift * UP)
+                if len(line) <= round(self.settings.lift / LINE_STEP) or checker.first_collision(line) is not None:
+                    reasons.append(NO_LOWER)
+                    continue
+            lines.append(line)
+            if len(lines) == MOST_WAYS:
+                break
+        if not lines:
+            raise _RefusedError(f"at the drop-off: {_farthest(reasons)}")
+        return lines
+
+    def _outline(self, T_base_grasp: Float[np.ndarray, "4 4"], holding: Load) -> Float[np.ndarray, "n 3"]:
+        """Points on the object in the frame of the grasp [m]."""
+        name = next(iter(holding.absent))
+        mesh = next(body.mesh for body in self.bodies if body.name == name)
+        return transform_points(invert_transform(T_base_grasp), np.asarray(mesh.vertices, float))
+
+    def _placed(self, released: Float[np.ndarray, "j"], holding: Load) -> CollisionBody:
+        """The carried object where it was put down."""
+        assert holding.carried is not None
+        assert holding.T_base_gripped is not None
+        moved = self.arm.grasp_pose(released, self.gripper) @ invert_transform(holding.T_base_gripped)
+        return replace(holding.carried, name="placed object", mesh=holding.carried.mesh.copy().apply_transform(moved))
+
+    def _way(
+        self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"], checker: CollisionChecker, reason: str
+    ) -> Float[np.ndarray, "n j"]:
+        """Waypoints between two joint positions.
+
+        Raises:
+            _RefusedError: none were found.
+        """
+        way = PathFinder(checker, self.settings.margin, self.rng).find(start, goal)
+        if way is None:
+            raise _RefusedError(reason)
+        return way
+
+    def _carry(
+        self, lifted: Float[np.ndarray, "j"], drops: list[Float[np.ndarray, "_ j"]], checker: CollisionChecker
+    ) -> tuple[Float[np.ndarray, "n j"], Float[np.ndarray, "m j"]]:
+        """Waypoints to the first place to let go of the object that can be reached, and the line down to it.
+
+        Raises:
+            _RefusedError: none can be.
+        """
+        finder = PathFinder(checker, self.settings.margin, self.rng)
+        for line in drops:
+            way = finder.find(lifted, line[0])
+            if way is not None:
+                return way, line
+        raise _RefusedError(NO_CARRY)
+
+    def _moving(
+        self,
+        name: str,
+        way: Float[np.ndarray, "n j"],
+        load: Load,
+        speed: float,
+        reason: str,
+        left: Sequence[CollisionBody] = (),
+    ) -> Phase:
+        """A phase along a way through joint space, its corners rounded as far as nothing is met.
+
+        Raises:
+            _RefusedError: it meets something even with sharp corners.
+        """
+        checker = self._checker(load, left)
+        for deviation in DEVIATIONS:
+            trajectory = self.timing.along(way, deviation, speed)
+            phase = _tested(name, trajectory, load, checker, self.settings.margin)
+            if phase is not None:
+                return replace(phase, extra=tuple(left))
+        raise _RefusedError(reason)
+
+    def _line(
+        self,
+        name: str,
+        line: Float[np.ndarray, "n j"],
+        load: Load,
+        speed: float,
+        reason: str,
+        left: Sequence[CollisionBody] = (),
+    ) -> Phase:
+        """A phase along a straight line.
+
+        Raises:
+            _RefusedError: it meets something.
+        """
+        trajectory = self.timing.along(line, LINE_DEVIATION, speed)
+        phase = _tested(name, trajectory, load, self._checker(load, left), 0.0)
+        if phase is None:
+            raise _RefusedError(reason)
+        return replace(phase, extra=tuple(left))
+
+    def _fingers(
+        self, name: str, joints: Float[np.ndarray, "j"], load: Load, end: float, left: Sequence[CollisionBody] = ()
+    ) -> Phase:
+        """A phase in which only the fingers move.
+
+        Raises:
+            _RefusedError: they meet something.
+        """
+        checker = self._checker(load, left)
+        phase = _tested(name, still(joints, (load.high - load.low) / FINGER_SPEED), load, checker, 0.0)
+        if phase is None:
+            raise _RefusedError(_told(checker.meetings(joints)[0]))
+        return replace(phase, opening=end, extra=tuple(left))
+
+
+def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float) -> Phase | None:
+    """The phase of a trajectory that meets nothing; None if it does.
+
+    Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
+    met between them is met by less than that.
+    """
+    travel = 2.0 * (margin + UNSEEN)
+    samples = trajectory.samples(checker.reaches, travel)
+    if checker.first_collision(samples, margin) is not None:
+        return None
+    clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
+    return Phase(name, trajectory, load.high, load, margin, clearance, nearest)
+
+
+def _check_parting(lift: Float[np.ndarray, "n j"], checker: CollisionChecker) -> None:
+    """Makes sure that what the carried object touches at first it leaves for good.
+
+    Raises:
+        _RefusedError: it comes near it once more.
+    """
+    meets = [checker.collides(joints) for joints in lift]
+    for index in range(1, len(lift)):
+        if meets[index] and not meets[index - 1]:
+            raise _RefusedError(_told(checker.meetings(lift[index])[0]))
+
+
+def _farthest(reasons: list[str]) -> str:
+    """The reason of the attempt that came farthest, which is the last that is more than missing joint positions."""
+    return next((reason for reason in reversed(reasons) if reason != NO_IK), NO_IK)
+
+
+def _apart(joints: Float[np.ndarray, "n j"], least: float = 0.3) -> Float[np.ndarray, "m j"]:
+    """Joint positions in their order without those that are near to one before [rad]."""
+    kept: list[Float[np.ndarray, "j"]] = []
+    for each in joints:
+        if all(np.abs(each - other).max() >= least for other in kept):
+            kept.append(each)
+    return np.array(kept).reshape(-1, joints.shape[1])
+
+
+def _told(meeting: Meeting) -> str:
+    return f"{meeting.part} meets {meeting.body}"

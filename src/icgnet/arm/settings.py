@@ -1,0 +1,49 @@
+"""How a pick is planned."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from icgnet.settings import check_choices, check_range
+
+Source = Literal["shapes", "points"]
+FARTHEST_BACK, HIGHEST_LIFT = 0.16, 0.2
+"""How far the straight line before a grasp and the one after it may go [m]."""
+
+
+@dataclass(frozen=True)
+class PickSettings:
+    """How a pick is planned."""
+
+    obstacles: Source = "shapes"
+    """What objects are for the arm: their predicted shapes, or no more than their measured points."""
+    release: Literal["drop", "place"] = "drop"
+    """Whether the object falls from the drop-off point, or is lowered onto it."""
+    check_carried: bool = True
+    """Whether the predicted shape of the carried object must meet nothing."""
+    margin: float = 0.005
+    """Distance from everything on the ways between straight lines [m]."""
+    approach: float = 0.06
+    """The hand comes in straight over at least this distance [m]."""
+    lift: float = 0.10
+    """The object is lifted straight by at least this, and lowered by this where it is placed [m]."""
+    speed: float = 1.0
+    """Share of the arm's largest velocities."""
+    line_speed: float = 0.5
+    """The same on straight lines."""
+    most_grasps: int = 100
+    """So many grasps are tried at most."""
+    seed: int = 0
+    """Of everything that is drawn."""
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        check_range(self, 0.001, "margin", most=0.05)
+        check_range(self, 0.02, "approach", most=FARTHEST_BACK)
+        check_range(self, 0.02, "lift", most=HIGHEST_LIFT)
+        check_range(self, 0.01, "speed", "line_speed", most=1.0)
+        check_range(self, 1.0, "most_grasps")
+        check_range(self, 0.0, "seed")
+
+
+DEFAULT_PICK = PickSettings()
+"""How a pick is planned unless something else is asked for."""

@@ -1,0 +1,68 @@
+"""`icgnet pick`, and its picture."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+import needs_arm  # noqa: F401
+from arm_scenes import T_BASE_FRAME, box
+from icgnet.arm.description import ARMS
+from icgnet.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def plain_output(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+
+
+@pytest.fixture
+def folder(tmp_path, seen, monkeypatch):
+    """A folder with a saved prediction, and an arm that stands before what it holds."""
+    monkeypatch.chdir(tmp_path)
+    seen([box((0.05, 0.04, 0.10)), box((0.05, 0.04, 0.06), x=0.27)], grasped=(0, 1)).save(tmp_path / "seen")
+    entries = yaml.safe_load((ARMS / "fr3.yaml").read_text())
+    base = {"position": (-T_BASE_FRAME[:3, 3]).tolist(), "quaternion": [1, 0, 0, 0]}
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(entries | {"urdf": str(ARMS / "fr3.urdf"), "base": base}))
+    return tmp_path
+
+
+def test_a_plan_is_printed_written_and_drawn(folder, capsys):
+    command = ["pick", "seen", "--arm", "arm.yaml", "--drop", "-0.05", "0.5", "0.2", "--instance", "1"]
+    assert main(command) == 0
+    output = capsys.readouterr().out
+    assert "object 1, box" in output
+    assert "refused grasps: none" in output
+    for phase in ("reach", "approach", "close", "lift", "carry", "release", "return"):
+        assert phase in output
+    saved = json.loads((folder / "pick" / "plan.json").read_text())
+    assert saved["instance_id"] == 1
+    with Image.open(folder / "pick" / "picture.png") as image:
+        pixels = np.asarray(image)
+    assert image.width > 1500
+    assert (pixels < 200).any(axis=2).mean() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--drop", "0.1", "0.4", "0.0"], "drop must be above the support, but it is 0.050 m below it"),
+        (["--drop", "0.1", "9", "0.2"], "from the first joint of the arm"),
+        (["--drop", "0.1", "0.4", "0.2", "--instance", "7"], "no object 7"),
+        (["--drop", "0.1", "0.4", "0.2", "--object-class", "can"], "there is no grasp to plan for"),
+        (["--drop", "0.1", "0.4", "0.2", "--hand-eye", "none.yaml"], "no such hand-eye file: none.yaml"),
+        (["--drop", "nan", "0.4", "0.2"], "drop must be three finite numbers"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_code_2(folder, capsys, arguments, message):
+    assert main(["pick", "seen", "--arm", "arm.yaml", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_depth_image_needs_the_place_of_the_camera(folder, capsys):
+    assert main(["pick", "image.png", "--drop", "0.1", "0.4", "0.2"]) == 2
+    assert "a depth image needs --hand-eye" in capsys.readouterr().err

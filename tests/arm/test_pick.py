@@ -1,0 +1,205 @@
+"""Picks from scenes of which everything is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import needs_arm  # noqa: F401
+from arm_scenes import DROP, T_BASE_FRAME, box
+from icgnet.arm.pick import plan_pick
+from icgnet.arm.replay import replay
+from icgnet.arm.scene import CARRIED, CollisionChecker
+from icgnet.arm.settings import PickSettings
+from icgnet.errors import InputError
+from icgnet.geometry.transforms import invert_transform, make_transform, rotation_z
+
+CUBOID = (0.05, 0.04, 0.10)
+
+
+@pytest.fixture(scope="module")
+def plain(fr3, seen):
+    """A pick of the one box among three that a grasp is for."""
+    meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
+    return plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
+
+
+def carried_at(plan, arm, joints):
+    """Where the carried object is at joint positions after it was gripped."""
+    load = next(phase.load for phase in plan.phases if phase.name == "carry")
+    moved = arm.grasp_pose(joints, plan.gripper) @ invert_transform(load.T_base_gripped)
+    return load.carried.mesh.copy().apply_transform(moved)
+
+
+def test_all_phases_follow_each_other_from_home_to_home(fr3, plain):
+    names = [phase.name for phase in plain.phases]
+    assert names == ["reach", "approach", "close", "lift", "carry", "release", "return"]
+    assert plain.instance == 0
+    assert plain.grasp == 0
+    assert plain.refusals == ()
+    np.testing.assert_allclose(plain.phases[0].trajectory.positions[0], fr3.home, atol=1e-9)
+    np.testing.assert_allclose(plain.phases[-1].trajectory.positions[-1], fr3.home, atol=1e-9)
+    assert [round(phase.opening, 3) for phase in plain.phases] == [0.052, 0.052, 0.04, 0.04, 0.04, 0.052, 0.052]
+    assert [phase.moves_fingers for phase in plain.phases] == [name in ("close", "release") for name in names]
+
+
+def test_a_plan_keeps_what_it_promises(fr3, plain):
+    result = replay(plain, fr3)
+    assert result.is_kept, result
+    assert result.depth == 0.0
+    assert result.steps > 2000
+    assert {phase.name: phase.margin for phase in plain.phases}["carry"] == 0.005
+
+
+def test_the_hand_is_at_the_grasp_and_goes_up_straight(fr3, seen, plain):
+    approach, lift = plain.phases[1].trajectory.positions, plain.phases[3].trajectory.positions
+    T_base_grasp = fr3.grasp_pose(approach[-1], plain.gripper)
+    wanted = T_BASE_FRAME @ seen([box(CUBOID)]).grasps.poses[0]
+    np.testing.assert_allclose(T_base_grasp[:3, 3], wanted[:3, 3], atol=1e-4)
+    np.testing.assert_allclose(T_base_grasp[:3, 2], wanted[:3, 2], atol=1e-3)
+    assert abs(T_base_grasp[:3, 1] @ wanted[:3, 1]) == pytest.approx(1.0, abs=1e-6)  # or turned by 180 degrees
+    before = fr3.grasp_pose(approach[0], plain.gripper)[:3, 3]
+    assert np.linalg.norm(before - T_base_grasp[:3, 3]) >= 0.06 - 1e-4
+    up = fr3.grasp_pose(lift[-1], plain.gripper)[:3, 3] - T_base_grasp[:3, 3]
+    assert up[2] >= 0.10 - 1e-4
+    np.testing.assert_allclose(up[:2], 0.0, atol=1e-3)
+
+
+def test_the_object_is_over_the_drop_off(fr3, plain):
+    mesh = carried_at(plain, fr3, plain.phases[4].trajectory.positions[-1])
+    lower, upper = mesh.bounds
+    np.testing.assert_allclose((lower + upper)[:2] / 2, DROP[:2], atol=1e-3)
+    assert lower[2] == pytest.approx(DROP[2], abs=1e-3)
+
+
+def test_clearances_are_those_of_the_whole_phase(fr3, plain):
+    carry = plain.phases[4]
+    checker = CollisionChecker(fr3, plain.gripper, plain.bodies, carry.load)
+    path = carry.trajectory.at(np.linspace(0.0, carry.trajectory.duration, 200))
+    assert checker.first_collision(path, max(0.0, carry.clearance - 0.006)) is None
+
+
+def test_a_placed_object_stands_where_it_was_asked_for(fr3, seen):
+    place = np.array([0.35, 0.35, 0.0])
+    plan = plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, place, PickSettings(release="place"))
+    names = [phase.name for phase in plan.phases]
+    assert names == ["reach", "approach", "close", "lift", "carry", "lower", "release", "leave", "return"]
+    assert replay(plan, fr3).is_kept
+    mesh = carried_at(plan, fr3, plan.phases[5].trajectory.positions[-1])
+    np.testing.assert_allclose((mesh.bounds[0] + mesh.bounds[1])[:2] / 2, place[:2], atol=1e-3)
+    assert mesh.bounds[0, 2] == pytest.approx(0.002, abs=5e-4)
+    (left,) = plan.phases[-1].extra
+    np.testing.assert_allclose(left.mesh.bounds, mesh.bounds, atol=1e-3)
+
+
+def test_the_same_seed_gives_the_same_plan(fr3, seen, plain):
+    meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
+    again = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
+    for first, second in zip(plain.phases, again.phases, strict=True):
+        np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+
+
+def test_another_frame_gives_the_same_plan(fr3, seen, plain):
+    meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
+    T_frame_table = make_transform(rotation_z(0.7), np.array([0.1, -0.2, 0.3]))
+    prediction = seen(meshes)
+    moved = replace(
+        prediction,
+        objects=tuple(
+            replace(item, extract=lambda mesh=mesh: mesh.copy().apply_transform(T_frame_table))
+            for item, mesh in zip(prediction.objects, meshes, strict=True)
+        ),
+        grasps=prediction.grasps.transformed(T_frame_table),
+        T_frame_table=T_frame_table,
+    )
+    plan = plan_pick(moved, fr3, T_BASE_FRAME @ invert_transform(T_frame_table), DROP)
+    last = [each.phases[1].trajectory.positions[-1] for each in (plain, plan)]
+    np.testing.assert_allclose(*last, atol=1e-3)
+
+
+def test_grasps_out_of_reach_are_refused_and_the_next_one_is_taken(fr3, seen):
+    meshes = [box(CUBOID, x=1.2), box(CUBOID)]
+    plan = plan_pick(seen(meshes, grasped=(0, 1)), fr3, T_BASE_FRAME, DROP)
+    assert plan.instance == 1
+    assert plan.refused == {"no joint positions": 1}
+    assert [(each.grasp, each.instance) for each in plan.refusals] == [(0, 0)]
+
+
+def test_a_hand_between_neighbours_is_refused_with_the_neighbour(fr3, seen):
+    # 4 mm on either side of the target: no finger fits there.
+    meshes = [box(CUBOID), box(CUBOID, y=0.194)]
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
+    assert not plan.is_found
+    assert plan.refused == {"hand meets object 1": 1}
+    assert plan.duration == 0
+
+
+def test_an_arm_that_would_meet_a_tall_neighbour_is_refused_with_its_part(fr3, seen):
+    # A board over the target, with room for the fingers but not for the arm.
+    board = box((0.3, 0.3, 0.02), z=0.05 + 0.10 + 0.16)
+    plan = plan_pick(seen([box(CUBOID), board]), fr3, T_BASE_FRAME, DROP)
+    assert not plan.is_found
+    (reason,) = plan.refused
+    assert reason.endswith("meets object 1")
+    assert reason.startswith("fr3_link") or reason.startswith("hand")
+
+
+def test_a_carried_object_that_hits_is_refused_only_if_it_is_checked(fr3, seen):
+    # A long bar whose ends lie under two shelves, with the hand between them.
+    bar = box((0.34, 0.04, 0.03))
+    shelves = [box((0.06, 0.2, 0.01), x=0.15 + side * 0.15, z=0.12) for side in (-1, 1)]
+    prediction = seen([bar, *shelves])
+    refused = plan_pick(prediction, fr3, T_BASE_FRAME, DROP)
+    assert not refused.is_found
+    assert next(iter(refused.refused)).startswith(f"{CARRIED} meets object ")
+    plan = plan_pick(prediction, fr3, T_BASE_FRAME, DROP, PickSettings(check_carried=False))
+    assert plan.is_found
+    assert all(phase.load.carried is None for phase in plan.phases)
+
+
+def test_an_object_may_part_from_a_neighbour_that_it_leans_on(fr3, seen):
+    meshes = [box(CUBOID), box((0.04, 0.04, 0.06), x=0.194)]  # 1 mm inside of the target
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
+    assert plan.is_found
+    assert {each.body for each in plan.phases[3].load.untested} == {"support", "object 1"}
+
+
+def test_measured_points_may_take_the_place_of_shapes(fr3, seen):
+    meshes = [box(CUBOID), box(CUBOID, y=0.26)]
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP, PickSettings(obstacles="points"))
+    assert plan.is_found
+    assert all(body.from_points for body in plan.bodies if body.name != "support")
+    assert replay(plan, fr3).is_kept
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"drop": [0.3, 0.4, -0.02]}, "drop must be above the support, but it is 0.020 m below it"),
+        ({"drop": [0.3, 0.4]}, "drop must have shape"),
+        ({"drop": [0.3, 3.0, 0.2]}, "drop is 3.02 m from the first joint of the arm"),
+        ({"T_base_frame": np.diag([1.0, 1.0, -1.0, 1.0])}, "T_base_frame must be right-handed"),
+        ({"T_base_frame": make_transform(np.eye(3), np.array([350.0, -150.0, 0.0])) * 10}, "T_base_frame"),
+        ({"start": np.zeros(7)}, "start: fr3_joint"),
+        ({"start": [0.0, 1.2, 0.0, -1.2, 0.0, 2.0, 0.78]}, "start: the arm must be at least 0.005 m from everything"),
+    ],
+)
+def test_wrong_input_is_one_line(fr3, seen, changes, message):
+    given = {"T_base_frame": T_BASE_FRAME, "drop": DROP, "start": None} | changes
+    with pytest.raises(InputError) as error:
+        plan_pick(seen([box(CUBOID)]), fr3, given["T_base_frame"], given["drop"], start=given["start"])
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"margin": 0.0}, "margin must be at least 0.001"),
+        ({"lift": 0.5}, "lift must be at least 0.02 and at most 0.2"),
+        ({"speed": 0.0}, "speed must be at least 0.01"),
+    ],
+)
+def test_wrong_settings_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        PickSettings(**values)
