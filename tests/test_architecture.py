@@ -18,7 +18,8 @@ import icgnet
 PACKAGE = Path(icgnet.__file__).parent
 
 FOUNDATION = {"errors", "files", "output_folder", "settings"}
-"""The modules that stand below everything; beside them there is the predictor, on top of the folder `inference`."""
+"""The modules that stand below everything; beside them there are the predictor, on top of the folder `inference`, and
+the client of the service, which stands alone."""
 
 MAY_IMPORT = {
     "foundation": set(),
@@ -44,6 +45,8 @@ MAY_IMPORT = {
     "inference": {"foundation", "geometry", "grasping", "objects", "network"},
     "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor"},
+    "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
+    "client": {"foundation"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
         *("parallel", "training", "inference", "predictor", "viewer"),
@@ -64,6 +67,11 @@ AT_HOME = {
     "torch": {"network", "training", "inference", "predictor", "benchmark", "studies"},
     "embreex": {"geometry"},
     "coacd": {"objects"},
+    "fastapi": {"service"},
+    "starlette": {"service"},
+    "uvicorn": {"service"},
+    "prometheus_client": {"service"},
+    "httpx": {"client"},
 }
 """Packages that only these layers know."""
 

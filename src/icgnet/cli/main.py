@@ -17,6 +17,7 @@ COMMANDS = {
     "demo": ("demo:Demo", "Find objects and grasps in the depth image that ships with the package."),
     "predict": ("predict:Predict", "Find objects and grasps in a depth image or a cloud."),
     "view": ("view:View", "Look at a saved prediction in the browser."),
+    "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (
         "dataset:Inspect",
