@@ -1,8 +1,8 @@
 """Asks a service that `icgnet serve` runs. Needs numpy and httpx only: no torch, and nothing else of this package.
 
-    client = Client("http://127.0.0.1:8000")
-    answer = client.predict_depth(depth, K, camera_pose=T_base_camera)
-    best = answer.best()
+client = Client("http://127.0.0.1:8000")
+answer = client.predict_depth(depth, K, camera_pose=T_base_camera)
+best = answer.best()
 """
 
 import io

@@ -55,7 +55,7 @@ def create_app(service: Service, token: str | None = None) -> FastAPI:
     Args:
         service: what its routes share.
         token: that every request but those for `/health` and the pages of OpenAPI must bring; None for none, and then
-            only this machine's names are answered to, so that no page of a browser gets at it through a name of its own.
+            only requests to this machine's own names are answered, so that no web page gets at it by another name.
 
     Raises:
         InputError: a token is needed and there is none, or it is a bad one.
@@ -179,7 +179,9 @@ def _token_check(token: str | None) -> Callable[..., Any]:
         return open_to_all
     wanted = token.encode()
 
-    async def check(given: Annotated[HTTPAuthorizationCredentials | None, Depends(HTTPBearer(auto_error=False))]) -> None:
+    async def check(
+        given: Annotated[HTTPAuthorizationCredentials | None, Depends(HTTPBearer(auto_error=False))],
+    ) -> None:
         if given is None or not secrets.compare_digest(given.credentials.encode(), wanted):
             raise HTTPException(
                 HTTPStatus.UNAUTHORIZED,

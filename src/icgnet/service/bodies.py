@@ -1,4 +1,4 @@
-"""Reads what a request sends: a PNG, an npz or JSON. Nothing of it is trusted, and no file is ever opened by its name."""
+"""Reads what a request sends: a PNG, an npz or JSON. Nothing of it is trusted, and no file is opened by its name."""
 
 import base64
 import binascii
@@ -138,7 +138,9 @@ def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str, max
             raise InputError(f"{name} must have at most {largest // LARGEST_ITEM} numbers, got shape {shape}"[:200])
         numbers = packed.read(size + 1)
     if len(numbers) != size:
-        raise DataError(f"{name} in the npz announces {size} bytes and holds {'more' if len(numbers) > size else 'less'}")
+        raise DataError(
+            f"{name} in the npz announces {size} bytes and holds {'more' if len(numbers) > size else 'less'}"
+        )
     return np.frombuffer(numbers, dtype).reshape(shape, order="F" if is_fortran else "C")
 
 

@@ -60,8 +60,8 @@ class ServiceConfig:
         if token is None:
             if not self.is_local:
                 raise InputError(
-                    f"host {self.host} can be reached from other machines: set the environment variable ICGNET_TOKEN to "
-                    f"a token of at least {SHORTEST_TOKEN} characters, or listen on one of {', '.join(LOOPBACK)}"
+                    f"host {self.host} can be reached from other machines: set the environment variable ICGNET_TOKEN "
+                    f"to a token of at least {SHORTEST_TOKEN} characters, or listen on one of {', '.join(LOOPBACK)}"
                 )
         elif len(token) < SHORTEST_TOKEN or not all("!" <= letter <= "~" for letter in token):
             raise InputError(

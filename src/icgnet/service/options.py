@@ -1,8 +1,12 @@
 """What a request may say beside its image or cloud: one table, of which reading, checking and OpenAPI are made."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
 
 from icgnet.errors import InputError
 from icgnet.geometry.arrays import described, real_array, real_number
@@ -53,7 +57,9 @@ class Option:
                 case "numbers":
                     return [float(part) for part in text.split(",")]
         except (KeyError, ValueError) as error:
-            wanted = {"flag": "true or false", "numbers": "numbers separated by commas"}.get(self.kind, f"a {self.kind}")
+            wanted = {"flag": "true or false", "numbers": "numbers separated by commas"}.get(
+                self.kind, f"a {self.kind}"
+            )
             wanted = "a whole number" if self.kind == "whole" else wanted
             raise InputError(f"{name} must be {wanted}, got {described(text)}") from error
 
@@ -68,7 +74,9 @@ class Option:
         if self.kind in ("flag", "text"):
             kind = bool if self.kind == "flag" else str
             if not isinstance(value, kind):
-                raise InputError(f"{name} must be {'true or false' if kind is bool else 'a text'}, got {described(value)}")
+                raise InputError(
+                    f"{name} must be {'true or false' if kind is bool else 'a text'}, got {described(value)}"
+                )
             return value
         number = real_number(value, name, "", LARGEST_NUMBER)
         if self.kind == "number":
@@ -77,37 +85,43 @@ class Option:
             raise InputError(f"{name} must be a whole number, got {described(value)}")
         return int(number)
 
-    def _array(self, value: Any, name: str) -> Any:
-        for shape in self.shapes:
-            try:
+    def _array(self, value: Any, name: str) -> Float[np.ndarray, "..."]:
+        *others, last = self.shapes
+        for shape in others:
+            with suppress(InputError):
                 return real_array(value, name, shape)
-            except InputError as error:
-                reason = error
-        shapes = " or ".join(str(shape) for shape in self.shapes)
-        if len(self.shapes) > 1 and "must have shape" in str(reason):
-            raise InputError(f"{name} must have shape {shapes}, got {described(value)}")
-        raise reason
+        try:
+            return real_array(value, name, last)
+        except InputError as error:
+            also = f"; shapes that are taken, too: {', '.join(map(str, others))}" if others else ""
+            raise InputError(f"{error}{also}") from error
 
 
 OPTIONS = {
     "intrinsics": Option(
-        "numbers", "Camera matrix [pixels]: fx, fy, cx, cy, or 3 x 3, row by row. In an npz also K.", ((4,), (3, 3), (9,))
+        "numbers",
+        "Camera matrix [pixels]: fx, fy, cx, cy, or 3 x 3, row by row. In an npz also K.",
+        ((4,), (9,), (3, 3)),
     ),
     "depth_scale": Option("number", "Stored depth units per metre: 1000 for millimetres; 1 if not given."),
     "camera_pose": Option(
         "numbers",
         "T_world_camera (OpenCV axes, world z up): 4 x 4, row by row, or x y z [m] qw qx qy qz.",
-        ((7,), (4, 4), (16,)),
+        ((7,), (16,), (4, 4)),
     ),
     "viewpoint": Option("numbers", "Where the camera stood, in the frame of a cloud [m].", ((3,),)),
     "table_height": Option("number", "Height of the table plane in the world [m]; found if not given."),
     "level_table": Option("flag", "Multiply the depth with what brings the table to table_height."),
     "frame_id": Option("text", "How the world is called in the result."),
     "object_class": Option("text", "Grasps of objects of this class only."),
-    "instance": Option("whole", "Grasps of this object only, by the instance_id of an earlier answer to the same input."),
+    "instance": Option(
+        "whole", "Grasps of this object only, by the instance_id of an earlier answer to the same input."
+    ),
     "region": Option("numbers", "Grasps in this box only: x y z of its lower, then of its upper corner [m].", ((6,),)),
     "limit": Option("whole", "At most so many grasps, the best ones."),
-    "deadline_ms": Option("number", "Time from the first byte of the request on [ms]: what is left of it is the budget."),
+    "deadline_ms": Option(
+        "number", "Time from the first byte of the request on [ms]: what is left of it is the budget."
+    ),
     "answer": Option("text", "json; npz, with meshes and the instance mask; or csv, one line for each grasp."),
 }
 
