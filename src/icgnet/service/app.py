@@ -1,6 +1,7 @@
 """The HTTP application: what is answered under which address, and who may ask."""
 
 import asyncio
+import logging
 import secrets
 import time
 from collections.abc import Callable, Mapping
@@ -26,6 +27,7 @@ from icgnet.service.options import LONGEST_QUERY, OPTIONS, options_of_query
 from icgnet.service.prediction import Predicting, TooLateError
 from icgnet.service.worker import FullError, GoneError, StoppingError, Worker
 
+LOG = logging.getLogger("uvicorn.error")
 GONE = 499
 """Nobody reads this status: the caller has closed the connection."""
 RETRY_AFTER = "Retry-After"
@@ -73,7 +75,7 @@ def create_app(service: Service, token: str | None = None) -> FastAPI:
         app.add_exception_handler(kind, respond)
     if token is None:
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=LOCAL_NAMES)
-    app.add_middleware(_Counting, service=service)
+    app.add_middleware(_Outermost, service=service)
     return app
 
 
@@ -270,10 +272,6 @@ async def _of_gone(request: Request, error: Any) -> Response:
     return Response(status_code=GONE)
 
 
-async def _of_anything(request: Request, error: Any) -> Response:
-    return _refusal("internal error: the log of the service tells more", HTTPStatus.INTERNAL_SERVER_ERROR)
-
-
 _RESPONSES = {
     StarletteHTTPException: _of_http,
     RequestValidationError: _of_caller,
@@ -283,12 +281,11 @@ _RESPONSES = {
     TooLateError: _of_late,
     GoneError: _of_gone,
     ClientDisconnect: _of_gone,
-    Exception: _of_anything,
 }
 
 
-class _Counting:
-    """Counts requests by route and status; names that are no route are one."""
+class _Outermost:
+    """Counts requests by route and status, all that are no route as one, and answers errors that nobody foresaw."""
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
         self._app = app
@@ -298,7 +295,7 @@ class _Counting:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        status = int(HTTPStatus.INTERNAL_SERVER_ERROR)
+        status = None
 
         async def counted_send(message: Message) -> None:
             nonlocal status
@@ -308,6 +305,11 @@ class _Counting:
 
         try:
             await self._app(scope, receive, counted_send)
+        except Exception:
+            if status is not None:  # too late for another answer
+                raise
+            LOG.exception("internal error in an answer to %s", scope["path"])
+            await _refusal("internal error: the log of the service tells more", 500)(scope, receive, counted_send)
         finally:
             route = getattr(scope.get("route"), "path", "other")
             self._requests.labels(route, str(status)).inc()
