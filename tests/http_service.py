@@ -9,13 +9,13 @@ from functools import cache
 
 import numpy as np
 from PIL import Image
-from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image, tiny_network
 
 from icgnet.inference.prediction import Prediction
 from icgnet.predictor import Predictor
 from icgnet.service.app import Service
 from icgnet.service.config import ServiceConfig
 from icgnet.service.server import Server, listen
+from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image, tiny_network
 
 TOKEN = "a token of the tests".replace(" ", "-")
 POSE = camera_pose()

@@ -9,6 +9,7 @@ import time
 import httpx
 import numpy as np
 import pytest
+
 from http_service import (
     DEPTH,
     PINHOLE,
@@ -21,15 +22,15 @@ from http_service import (
     running,
     tiny_predictor,
 )
-from tabletop_scenes import INTRINSICS
-
 from icgnet import __version__
+from icgnet.cli.demo import FOLDER
 from icgnet.errors import DataError, InputError
 from icgnet.predictor import Predictor
 from icgnet.service.app import Service, create_app
 from icgnet.service.bodies import JSON, NPZ, PNG
 from icgnet.service.config import ServiceConfig
 from icgnet.service.options import OPTIONS
+from tabletop_scenes import INTRINSICS
 
 BODY = npz(depth=DEPTH, K=INTRINSICS, camera_pose=POSE)
 
@@ -279,7 +280,8 @@ def test_numbers_that_are_not_finite_become_null():
 
 
 @pytest.mark.slow
-def test_the_shipped_weights_are_served():
-    predictor = Predictor.load()
-    with running(predictor) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
-        assert len(post(client, BODY).json()["grasps"]) > 0
+def test_the_shipped_weights_find_grasps_in_the_demo_capture():
+    with running(Predictor.load()) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
+        answer = post(client, (FOLDER / "demo.npz").read_bytes())
+    assert answer.status_code == 200, answer.text
+    assert len(answer.json()["grasps"]) > 0

@@ -9,11 +9,11 @@ import zlib
 
 import numpy as np
 import pytest
-from http_service import DEPTH, POSE, depth_png, npz, png
-from tabletop_scenes import INTRINSICS
 
+from http_service import DEPTH, POSE, depth_png, npz, png
 from icgnet.errors import IcgnetError, InputError
 from icgnet.service.bodies import JSON, LARGEST_JSON, NPZ, PNG, Ask, read_ask
+from tabletop_scenes import INTRINSICS
 
 MOST = 50_000
 FOCAL = {"intrinsics": [135.0, 135.0, 80.0, 60.0]}
@@ -161,7 +161,9 @@ def test_a_small_file_of_a_huge_picture_is_refused_by_its_header():
         return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
 
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 16, 0, 0, 0, 0)
-    bomb = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    bomb = (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    )
     with pytest.raises(IcgnetError, match="60000 x 60000|decompression bomb"):
         ask(PNG, bomb, **FOCAL)
 

@@ -48,7 +48,14 @@ def test_what_is_wrong_is_said_in_one_line(pairs, said):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("limit", 1.5), ("limit", True), ("frame_id", 5), ("level_table", "true"), ("region", "abc"), ("region", [[1], 2])],
+    [
+        ("limit", 1.5),
+        ("limit", True),
+        ("frame_id", 5),
+        ("level_table", "true"),
+        ("region", "abc"),
+        ("region", [[1], 2]),
+    ],
 )
 def test_values_of_another_kind_are_refused(name, value):
     with pytest.raises(InputError, match=name):

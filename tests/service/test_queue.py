@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
+
 from http_service import DEPTH, HeldUpPredictor, npz, running
 from tabletop_scenes import INTRINSICS
 
