@@ -1,7 +1,7 @@
 """Load of a running service: many clients at once, memory over many requests, and bodies that are no scenes.
 
-    icgnet serve --threads 1 --port 8000 &
-    python scripts/service_load.py http://127.0.0.1:8000 --clients 8 --seconds 60 --memory 1000 --malformed 1000 --pid $!
+    icgnet serve --threads 1 &
+    python scripts/service_load.py http://127.0.0.1:8000 --seconds 60 --memory 1000 --malformed 1000 --pid $!
 
 Prints one line for each part; the time in-process is measured first if --weights is given. Needs `icgnet[client]`.
 """

