@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import trimesh
 from PIL import Image
 
 from icgnet.inference.prediction import Prediction
@@ -30,7 +31,13 @@ def tiny_predictor() -> Predictor:
 
 @cache
 def known_prediction() -> Prediction:
-    return tiny_predictor().predict_depth(DEPTH, INTRINSICS, POSE)
+    """What the tiny network finds, with a box for the shape of each object: it sees none itself."""
+    found = tiny_predictor().predict_depth(DEPTH, INTRINSICS, POSE)
+    objects = [
+        replace(item, extract=lambda item=item: trimesh.creation.box(bounds=[item.points.min(0), item.points.max(0)]))
+        for item in found.objects
+    ]
+    return replace(found, objects=tuple(objects))
 
 
 class HeldUpPredictor(Predictor):

@@ -72,6 +72,7 @@ def test_an_npz_holds_meshes_and_the_instance_of_every_pixel(known):
         np.testing.assert_array_equal(saved["instance_mask"], prediction.instance_mask)
         for item in prediction.objects:
             mesh = item.mesh()
+            assert len(mesh.faces) == 12
             np.testing.assert_allclose(saved[f"vertices_{item.instance_id}"], mesh.vertices, atol=1e-6)
             np.testing.assert_array_equal(saved[f"faces_{item.instance_id}"], mesh.faces)
 

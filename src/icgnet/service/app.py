@@ -145,7 +145,7 @@ def predict_route(service: Service) -> APIRouter:
     @router.post(
         "/predict",
         summary="Objects and grasps in a depth image or a cloud",
-        responses=_PREDICT_RESPONSES,
+        responses=PREDICT_RESPONSES,
         openapi_extra=_PREDICT_REQUEST,
     )
     async def predict(request: Request) -> Response:
@@ -316,7 +316,7 @@ class _Outermost:
 
 
 _ERROR = {"content": {JSON: {"schema": {"type": "object", "properties": {"error": {"type": "string"}}}}}}
-_PREDICT_RESPONSES: dict[int | str, dict[str, Any]] = {
+PREDICT_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The result: as `result.json` of icgnet predict; an npz with `result` (the same JSON as bytes), "
         "`instance_mask` and, of object k, `vertices_k` and `faces_k`; or a table of the grasps.",
