@@ -3,7 +3,7 @@
     icgnet serve --threads 1 &
     python scripts/service_load.py http://127.0.0.1:8000 --seconds 60 --memory 1000 --malformed 1000 --pid $!
 
-Prints one line for each part; the time in-process is measured first if --weights is given. Needs `icgnet[client]`.
+Prints one line for each part; the time in-process is measured, too, if --weights is given. Needs `icgnet[client]`.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import statistics
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -104,18 +105,31 @@ def memory(url: str, body: bytes, count: int, pid: int, headers: dict[str, str])
     return sizes
 
 
-def in_process(weights: Path, body: bytes, count: int) -> list[float]:
-    """Times of the same prediction without a service, in one thread [s]."""
+def alone(url: str, body: bytes, count: int, headers: dict[str, str], weights: Path | None) -> dict[str, list[float]]:
+    """Times of one client [s]; by turns with the same prediction without a service, in one thread, if there are weights.
+
+    The turns keep what else the machine does from speaking for one of them.
+    """
+    times: dict[str, list[float]] = {"in-process": [], "one client": []}
+    predict = (lambda: None) if weights is None else in_process(weights, body)
+    with httpx.Client(base_url=url, headers={**headers, "Content-Type": NPZ}, timeout=60.0) as web:
+        jobs = {"in-process": predict, "one client": lambda: web.post("/predict", content=body).raise_for_status()}
+        for number in range(count + 1):
+            for name, job in jobs.items():
+                start = time.perf_counter()
+                job()
+                times[name] += [time.perf_counter() - start] * (number > 0)
+    return times if weights else {"one client": times["one client"]}
+
+
+def in_process(weights: Path, body: bytes) -> Callable[[], object]:
+    """The same prediction without a service."""
     from icgnet import Predictor
 
     predictor = Predictor.load(weights, threads=1)
-    capture = np.load(io.BytesIO(body))
-    times = []
-    for _ in range(count):
-        start = time.perf_counter()
-        predictor.predict_depth(capture["depth"], capture["K"], capture["camera_pose"])
-        times.append(time.perf_counter() - start)
-    return times
+    with np.load(io.BytesIO(body)) as saved:
+        capture = saved["depth"], saved["K"], saved["camera_pose"]
+    return lambda: predictor.predict_depth(*capture)
 
 
 def spread(times: list[float]) -> str:
@@ -141,16 +155,9 @@ def main() -> None:
     given = parser.parse_args()
     headers = {"Authorization": f"Bearer {given.token}"} if given.token else {}
     body = given.capture.read_bytes()
-    if given.weights:
-        print(f"in-process, {given.single} times: {spread(in_process(given.weights, body, given.single))}", flush=True)
     if given.single:
-        with httpx.Client(base_url=given.url, headers={**headers, "Content-Type": NPZ}, timeout=60.0) as web:
-            times = []
-            for _ in range(given.single):
-                start = time.perf_counter()
-                web.post("/predict", content=body).raise_for_status()
-                times.append(time.perf_counter() - start)
-        print(f"one client, {given.single} times: {spread(times)}", flush=True)
+        for name, times in alone(given.url, body, given.single, headers, given.weights).items():
+            print(f"{name}, {given.single} times: {spread(times)}", flush=True)
     if given.seconds:
         statuses, times = load(given.url, body, given.clients, given.seconds, headers)
         said = ", ".join(f"{count} x {status}" for status, count in sorted(statuses.items(), key=str))

@@ -28,6 +28,13 @@ def test_eight_clients_see_nothing_but_results_and_full_queues(script):
     assert len(times) == statuses[200] > 0
 
 
+def test_one_client_alone_is_measured_without_the_first_request(script):
+    with running(HeldUpPredictor()) as (url, _, _):
+        times = script.alone(url, BODY, 3, {}, None)
+    assert list(times) == ["one client"]
+    assert len(times["one client"]) == 3
+
+
 def test_malformed_bodies_are_the_callers_fault(script):
     with running(tiny_predictor()) as (url, _, _):
         statuses = script.send_malformed(url, 100, {}, BODY)
