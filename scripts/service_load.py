@@ -106,7 +106,7 @@ def memory(url: str, body: bytes, count: int, pid: int, headers: dict[str, str])
 
 
 def alone(url: str, body: bytes, count: int, headers: dict[str, str], weights: Path | None) -> dict[str, list[float]]:
-    """Times of one client [s]; by turns with the same prediction without a service, in one thread, if there are weights.
+    """Times of one client [s]; by turns with the same prediction in one thread of this process, if there are weights.
 
     The turns keep what else the machine does from speaking for one of them.
     """

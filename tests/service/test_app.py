@@ -209,6 +209,12 @@ def test_large_bodies_are_refused_while_they_come():
         assert post(client, BODY).status_code == 200
 
 
+def test_a_connection_goes_on_after_a_body_that_was_not_read(known):
+    answer = post(known, bytes(20_000_000), "text/plain")
+    assert answer.status_code == 415
+    assert post(known, BODY).status_code == 200
+
+
 def test_a_body_that_does_not_come_gives_its_place_back():
     with running(HeldUpPredictor(), queue=0, body_seconds=0.1) as (url, _, _), httpx.Client(base_url=url) as client:
 
@@ -240,11 +246,18 @@ def test_with_its_token_it_answers():
         assert client.get("/metadata").status_code == 200
         # With a token, the machine may have any name.
         assert client.get("/metadata", headers={"Host": "robot.example"}).status_code == 200
+        assert (
+            client.post("/predict?limit=1", content=BODY, headers={"Host": "[", "Content-Type": NPZ}).status_code == 200
+        )
 
 
-def test_without_a_token_only_names_of_this_machine_are_answered(web):
-    assert web.get("/metadata", headers={"Host": "evil.example"}).status_code == 400
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example:8000", "[", "localhost:x", ""])
+def test_without_a_token_only_names_of_this_machine_are_answered(web, host):
+    answer = web.get("/metadata", headers={"Host": host})
+    assert answer.status_code == 400
+    assert "without a token only requests to localhost are answered" in answer.json()["error"]
     assert web.get("/metadata", headers={"Host": "localhost:8000"}).status_code == 200
+    assert web.get("/metadata", headers={"Host": "[::1]"}).status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,7 @@ def test_json_holds_a_cloud():
         (JSON, b"[1]", {}, "JSON must be an object, got [1]"),
         (JSON, b" " * (LARGEST_JSON + 1), {}, "JSON must be at most"),
         (JSON, as_json(points=[[0, 0]]), {}, "points must have shape (n, 3), got (1, 2)"),
+        (JSON, as_json(points=[[0, 0, 0], [1]]), {}, "points must be real numbers of shape (n, 3)"),
         (JSON, as_json(points="/etc/passwd"), {}, "points must be real numbers"),
         (JSON, as_json(depth="/etc/passwd", **FOCAL), {}, "depth must be a PNG in base64, got '/etc/passwd'"),
         (JSON, as_json(depth=5, **FOCAL), {}, "depth must be a PNG in base64"),

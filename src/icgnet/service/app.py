@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import secrets
 import time
 from collections.abc import Callable, Mapping
@@ -12,7 +13,6 @@ from fastapi import APIRouter, Depends, FastAPI, HTTPException, Request, Respons
 from fastapi.exceptions import RequestValidationError
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.exceptions import HTTPException as StarletteHTTPException
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -24,14 +24,14 @@ from icgnet.service.answers import MEDIA, json_bytes
 from icgnet.service.bodies import JSON, NPZ, PNG, read_ask
 from icgnet.service.config import ServiceConfig
 from icgnet.service.options import LONGEST_QUERY, OPTIONS, options_of_query
-from icgnet.service.prediction import Predicting, TooLateError
+from icgnet.service.predicting import Predicting, TooLateError
 from icgnet.service.worker import FullError, GoneError, StoppingError, Worker
 
 LOG = logging.getLogger("uvicorn.error")
 GONE = 499
 """Nobody reads this status: the caller has closed the connection."""
 RETRY_AFTER = "Retry-After"
-LOCAL_NAMES = ["127.0.0.1", "localhost", "[::1]", "::1"]
+LOCAL_HOST = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?", re.IGNORECASE)
 
 
 class Service:
@@ -73,8 +73,6 @@ def create_app(service: Service, token: str | None = None) -> FastAPI:
     app.include_router(health_route(service))
     for kind, respond in _RESPONSES.items():
         app.add_exception_handler(kind, respond)
-    if token is None:
-        app.add_middleware(TrustedHostMiddleware, allowed_hosts=LOCAL_NAMES)
     app.add_middleware(_Outermost, service=service)
     return app
 
@@ -172,13 +170,18 @@ ROUTES: tuple[Callable[[Service], APIRouter], ...] = (metadata_route, predict_ro
 
 
 def _token_check(token: str | None) -> Callable[..., Any]:
-    """The check of the token, which OpenAPI then knows."""
+    """The check of the token, which OpenAPI then knows; if there is none, of the name that the request is sent to."""
     if token is None:
 
-        async def open_to_all() -> None:
-            return None
+        async def check_host(request: Request) -> None:
+            host = request.headers.get("host", "")
+            if not LOCAL_HOST.fullmatch(host):
+                raise HTTPException(
+                    HTTPStatus.BAD_REQUEST,
+                    f"without a token only requests to localhost are answered, not to {host[:80]!r}",
+                )
 
-        return open_to_all
+        return check_host
     wanted = token.encode()
 
     async def check(
@@ -207,7 +210,7 @@ def _kind(request: Request) -> str:
 
 
 def _query(request: Request) -> dict[str, Any]:
-    if len(request.url.query) > LONGEST_QUERY:
+    if len(request.scope["query_string"]) > LONGEST_QUERY:
         raise HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, f"the query must be at most {LONGEST_QUERY} characters")
     return options_of_query(request.query_params.multi_items())
 

@@ -70,10 +70,11 @@ def read_ask(kind: str, body: bytes, query: dict[str, Any], max_points: int) -> 
     if (depth is None) == (points is None):
         raise InputError("the body must hold either depth or points, got " + ("neither" if depth is None else "both"))
     if points is not None:
-        if np.shape(points)[:1] > (max_points,):
-            raise InputError(f"points must be at most {max_points}, got {len(points)}")
         _refuse(options, mask, "a cloud", "intrinsics", "depth_scale", "camera_pose", "level_table")
-        return Ask(None, real_array(points, "points", (None, 3), finite=False), None, options)
+        cloud = real_array(points, "points", (None, 3), finite=False)
+        if len(cloud) > max_points:
+            raise InputError(f"points must be at most {max_points}, got {len(cloud)}")
+        return Ask(None, cloud, None, options)
     _refuse(options, None, "a depth image", "viewpoint")
     if "intrinsics" not in options:
         raise InputError("a depth image needs intrinsics: fx,fy,cx,cy [pixels] or the 3 x 3 matrix")
