@@ -216,12 +216,12 @@ def test_a_connection_goes_on_after_a_body_that_was_not_read(known):
 
 
 def test_a_body_that_does_not_come_gives_its_place_back():
-    with running(HeldUpPredictor(), queue=0, body_seconds=0.1) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(HeldUpPredictor(), queue=0, body_seconds=0.3) as (url, _, _), httpx.Client(base_url=url) as client:
 
         def slow():
             yield b"PK"
             # Longer than the service waits; the rest is sent into a connection that it has closed.
-            time.sleep(0.4)
+            time.sleep(0.8)
             yield b"PK"
 
         assert client.post("/predict", content=slow(), headers={"Content-Type": NPZ}).status_code == 408

