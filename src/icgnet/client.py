@@ -252,7 +252,7 @@ def _text(value: Any) -> str:
 def _retry_after(response: httpx.Response, otherwise: float) -> float:
     """When the service wants to be asked again [s]; it says so in whole seconds."""
     given = response.headers.get("Retry-After", "")
-    return min(float(given), LONGEST_WAIT) if given.isdigit() else otherwise
+    return min(float(given), LONGEST_WAIT) if given.isascii() and given.isdecimal() else otherwise
 
 
 def _error_in(response: httpx.Response) -> str:

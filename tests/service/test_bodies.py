@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import struct
+import tracemalloc
 import zipfile
 import zlib
 from contextlib import suppress
@@ -184,3 +185,24 @@ def test_spoiled_bodies_are_read_or_refused():
             spoiled[place] = rng.integers(256)
         with suppress(IcgnetError):  # and nothing else
             ask(kind, bytes(spoiled), **FOCAL)
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (
+            b"\x93NUMPY\x01\x00" + struct.pack("<H", 54) + b"{'descr':'<f8','fortran_order':False,'shape':(-1,3),}\n",
+            r"has shape \(-1, 3\)",
+        ),
+        (b"\x93NUMPY\x02\x00" + struct.pack("<I", 30_000_000), r"is of version \(2, 0\)"),
+    ],
+)
+def test_a_header_that_would_unpack_everything_is_refused_before_anything_is_unpacked(head, message):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("points.npy", head + b" " * 30_000_000)
+    tracemalloc.start()
+    with pytest.raises(IcgnetError, match=message):
+        ask(NPZ, packed.getvalue())
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()

@@ -219,7 +219,7 @@ async def _body(request: Request, most: int, seconds: float) -> bytes:
     """The body, of which no more than the limit is ever held."""
     announced = request.headers.get("content-length", "0")
     body = bytearray()
-    if not announced.isdigit() or int(announced[:20]) <= most:
+    if not announced.isdecimal() or int(announced[:20]) <= most:
         try:
             async with asyncio.timeout(seconds):
                 async for chunk in request.stream():

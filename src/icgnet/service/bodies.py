@@ -128,10 +128,11 @@ def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str, max
         raise DataError(f"{name} in the npz is packed in an unknown way ({entry.compress_type})")
     with archive.open(entry) as packed:
         version = np.lib.format.read_magic(packed)
-        readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-        if version not in readers:
-            raise DataError(f"{name} in the npz is of version {version}; known are {', '.join(map(str, readers))}")
-        shape, is_fortran, dtype = readers[version](packed)
+        if version != (1, 0):  # later ones have headers of up to 4 GB, which are unpacked before they are looked at
+            raise DataError(f"{name} in the npz is of version {version}; known is (1, 0)")
+        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(packed)
+        if any(length < 0 for length in shape):  # a negative size would unpack everything
+            raise DataError(f"{name} in the npz has shape {shape}"[:200])
         if dtype.kind not in "biuf":
             raise InputError(f"{name} must be plain numbers, got {dtype}"[:200])
         size = math.prod(shape) * dtype.itemsize
