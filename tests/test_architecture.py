@@ -19,7 +19,8 @@ from icgnet.errors import MissingExtraError
 PACKAGE = Path(icgnet.__file__).parent
 
 FOUNDATION = {"errors", "files", "output_folder", "settings"}
-"""The modules that stand below everything; beside them there is the predictor, on top of the folder `inference`."""
+"""The modules that stand below everything; beside them there are the predictor, on top of the folder `inference`, and
+the client of the service, which stands alone."""
 
 MAY_IMPORT = {
     "foundation": set(),
@@ -46,6 +47,8 @@ MAY_IMPORT = {
     "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
     "arm": {"foundation", "geometry", "grasping", "inference"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
+    "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
+    "client": {"foundation"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
         *("parallel", "training", "inference", "predictor", "arm", "viewer"),
@@ -70,6 +73,11 @@ AT_HOME = {
     "coal": {"arm"},
     "frankik": {"arm"},
     "roboplan": {"arm"},
+    "fastapi": {"service"},
+    "starlette": {"service"},
+    "uvicorn": {"service"},
+    "prometheus_client": {"service"},
+    "httpx": {"client"},
 }
 """Packages that only these layers know."""
 

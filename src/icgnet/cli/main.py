@@ -18,6 +18,7 @@ COMMANDS = {
     "predict": ("predict:Predict", "Find objects and grasps in a depth image or a cloud."),
     "pick": ("pick:Pick", "Plan how an arm picks an object up, carries it and lets go of it."),
     "view": ("view:View", "Look at a saved prediction in the browser."),
+    "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (
         "dataset:Inspect",

@@ -1,0 +1,275 @@
+"""Asks a service that `icgnet serve` runs. Needs numpy and httpx only: no torch, and nothing else of this package.
+
+client = Client("http://127.0.0.1:8000")
+answer = client.predict_depth(depth, K, camera_pose=T_base_camera)
+best = answer.best()
+"""
+
+import io
+import json
+import random
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any
+
+import httpx
+import numpy as np
+
+from icgnet.errors import IcgnetError, InputError
+
+NPZ = "application/x-npz"
+FULL, STOPPING, REFUSED = 429, 503, (413, 415, 422)
+FIRST_WAIT = 0.2
+"""Before a lost connection is tried again; twice as long each further time [s]."""
+LONGEST_WAIT = 30.0
+"""No wish of a service to be asked later is followed for longer than this [s]."""
+
+
+class ServiceError(IcgnetError):
+    """The service cannot be reached, or does not answer with a result.
+
+    Attributes:
+        status: of its answer; None when there was none.
+    """
+
+    def __init__(self, message: str, status: int | None = None) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the service found. Coordinates are in the frame `frame_id`, in metres.
+
+    Attributes:
+        result: the entries of `result.json`, see the guides, and under `service` how long the request waited.
+        instance_mask: the instance of every input point or pixel, -1 for none; only with `meshes=True`.
+        meshes: vertices [n 3] [m] and triangles [f 3] by instance_id; only with `meshes=True`.
+    """
+
+    result: dict[str, Any]
+    instance_mask: np.ndarray | None = None
+    meshes: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    @property
+    def frame_id(self) -> str:
+        """Name of the frame that everything is in."""
+        return self.result["frame_id"]
+
+    @property
+    def objects(self) -> list[dict[str, Any]]:
+        """The objects, numbered from 0."""
+        return self.result["objects"]
+
+    @property
+    def grasps(self) -> list[dict[str, Any]]:
+        """Collision-free grasps, best first."""
+        return self.result["grasps"]
+
+    @property
+    def poses(self) -> np.ndarray:
+        """[g 4 4] poses of the grasps: z approach, y closing, origin midway between the finger tips."""
+        return np.array([grasp["pose"] for grasp in self.grasps], dtype=np.float64).reshape(-1, 4, 4)
+
+    def best(self) -> dict[str, Any] | None:
+        """The grasp to try first; None when there is none."""
+        return self.grasps[0] if self.grasps else None
+
+
+class Client:
+    """Asks one service. The connection is kept, and opened again when it was lost.
+
+    Args:
+        url: of the service, such as "http://127.0.0.1:8000".
+        token: that the service wants, if it wants one.
+        timeout: for connecting, for sending and for the answer, each [s].
+        retries: how often a request is sent again when the service is full or stopping, or the connection was lost.
+            An answer that does not come within the timeout is not asked for again.
+        transport: of httpx, for tests.
+
+    Raises:
+        InputError: no address of http or https, or numbers out of range.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        token: str | None = None,
+        timeout: float = 30.0,
+        retries: int = 3,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        if not str(url).startswith(("http://", "https://")):
+            raise InputError(f"url must begin with http:// or https://, got {url!r}")
+        if not timeout > 0:
+            raise InputError(f"timeout must be above 0 s, got {timeout!r}")
+        if retries < 0:
+            raise InputError(f"retries must be at least 0, got {retries!r}")
+        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        self._retries = retries
+        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout, transport=transport)
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the connection."""
+        self._http.close()
+
+    def health(self) -> bool:
+        """Whether the service takes requests; asked once, and False also when nothing is there."""
+        try:
+            return self._http.get("/health").status_code == httpx.codes.OK
+        except httpx.TransportError:
+            return False
+
+    def metadata(self) -> dict[str, Any]:
+        """Weights, classes, hand, units, frames and limits of the service.
+
+        Raises:
+            ServiceError: it cannot be reached, or refuses.
+        """
+        return self._ask("GET", "/metadata").json()
+
+    def predict_depth(
+        self,
+        depth: Any,
+        intrinsics: Any,
+        camera_pose: Any = None,
+        table_height: float | None = None,
+        mask: Any = None,
+        level_table: bool = False,
+        frame_id: str | None = None,
+        meshes: bool = False,
+        depth_scale: float | None = None,
+        **options: Any,
+    ) -> Answer:
+        """Objects and grasps in a depth image; arguments as of `icgnet.Predictor.predict_depth`.
+
+        Args:
+            depth: [h w] distance along the camera's z axis; 0 or NaN where nothing was measured.
+            intrinsics: [3 3] camera matrix [pixels].
+            camera_pose: T_world_camera as [4 4] or x y z [m] qw qx qy qz; None when it is not known.
+            table_height: height of the table in the world [m]; it is found if None.
+            mask: [h w] true where objects may be; everywhere if None.
+            level_table: whether the depth is multiplied with what brings the table to its height.
+            frame_id: how the world is called in the result.
+            meshes: whether the meshes and the instance mask are sent, too.
+            depth_scale: stored units per metre; None for a depth in metres.
+            options: `object_class`, `instance`, `region`, `limit`, `deadline_ms`.
+
+        Raises:
+            InputError: the service refuses the values; the message is its own.
+            ServiceError: it cannot be reached, is full, stops, or is too late.
+        """
+        arrays = {"depth": depth, "K": intrinsics, "camera_pose": camera_pose, "mask": mask}
+        query = {"table_height": table_height, "level_table": level_table or None, "frame_id": frame_id}
+        return self._predict(arrays, {**query, "depth_scale": depth_scale, **options}, meshes)
+
+    def predict_cloud(
+        self,
+        points: Any,
+        viewpoint: Any = None,
+        table_height: float | None = None,
+        frame_id: str | None = None,
+        meshes: bool = False,
+        **options: Any,
+    ) -> Answer:
+        """Objects and grasps in a cloud; arguments as of `icgnet.Predictor.predict_cloud`.
+
+        Args:
+            points: [n 3] positions [m].
+            viewpoint: [3] where the camera stood [m]; None when it is not known.
+            table_height: height of the table [m]; it is found if None.
+            frame_id: how the world is called in the result.
+            meshes: whether the meshes and the instance of each point are sent, too.
+            options: `object_class`, `instance`, `region`, `limit`, `deadline_ms`.
+
+        Raises:
+            InputError: the service refuses the values; the message is its own.
+            ServiceError: it cannot be reached, is full, stops, or is too late.
+        """
+        query = {"table_height": table_height, "frame_id": frame_id, **options}
+        return self._predict({"points": points, "viewpoint": viewpoint}, query, meshes)
+
+    def _predict(self, arrays: dict[str, Any], options: dict[str, Any], meshes: bool) -> Answer:
+        content = io.BytesIO()
+        try:
+            given = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+            np.savez(content, allow_pickle=False, **given)
+        except ValueError as error:  # ragged lists and objects
+            raise InputError(f"{', '.join(arrays)} must be arrays of numbers: {error}") from error
+        query = {name: _text(value) for name, value in options.items() if value is not None}
+        query["answer"] = "npz" if meshes else "json"
+        response = self._ask("POST", "/predict", query, content.getvalue())
+        return _answer_of_npz(response.content) if meshes else Answer(response.json())
+
+    def _ask(
+        self, method: str, path: str, query: dict[str, str] | None = None, body: bytes | None = None
+    ) -> httpx.Response:
+        """The answer to a request, which is sent again while that is worth it."""
+        headers = {} if body is None else {"Content-Type": NPZ}
+        wait = FIRST_WAIT
+        for left in reversed(range(self._retries + 1)):
+            try:
+                response = self._http.request(method, path, params=query, content=body, headers=headers)
+            except (httpx.ReadTimeout, httpx.UnsupportedProtocol) as error:
+                raise ServiceError(f"no answer from {self._http.base_url}: {_said(error)}") from error
+            except httpx.TransportError as error:
+                if not left:
+                    raise ServiceError(f"cannot reach {self._http.base_url}: {_said(error)}") from error
+                time.sleep(wait * random.uniform(0.5, 1.0))
+                wait = min(2 * wait, LONGEST_WAIT)
+                continue
+            if response.status_code == httpx.codes.OK:
+                return response
+            if response.status_code not in (FULL, STOPPING) or not left:
+                break
+            time.sleep(_retry_after(response, wait) * random.uniform(1.0, 1.25))
+            wait = min(2 * wait, LONGEST_WAIT)
+        message = _error_in(response)
+        if response.status_code in REFUSED:
+            raise InputError(message)
+        raise ServiceError(f"{self._http.base_url} answers {response.status_code}: {message}", response.status_code)
+
+
+def _text(value: Any) -> str:
+    """A value in a query string."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str):
+        return ",".join(repr(float(number)) for number in np.ravel(value))
+    return str(value)
+
+
+def _retry_after(response: httpx.Response, otherwise: float) -> float:
+    """When the service wants to be asked again [s]; it says so in whole seconds."""
+    given = response.headers.get("Retry-After", "")
+    return min(float(given), LONGEST_WAIT) if given.isascii() and given.isdecimal() else otherwise
+
+
+def _error_in(response: httpx.Response) -> str:
+    """The line that says what was wrong; the beginning of any other text that came instead."""
+    try:
+        return str(response.json()["error"])
+    except (ValueError, KeyError, TypeError):
+        return " ".join(response.text.split())[:200] or response.reason_phrase
+
+
+def _said(error: Exception) -> str:
+    return str(error) or type(error).__name__
+
+
+def _answer_of_npz(content: bytes) -> Answer:
+    with np.load(io.BytesIO(content), allow_pickle=False) as saved:
+        result = json.loads(saved["result"].tobytes())
+        ids = [int(item["instance_id"]) for item in result["objects"]]
+        meshes = {number: (saved[f"vertices_{number}"], saved[f"faces_{number}"]) for number in ids}
+        return Answer(result, saved["instance_mask"].astype(np.int64), meshes)

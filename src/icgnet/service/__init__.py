@@ -1,0 +1,1 @@
+"""Predictions over HTTP; needs the extra `serve`. Nothing else in the package imports this folder."""
