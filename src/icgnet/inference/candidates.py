@@ -26,7 +26,7 @@ CONTACT_VOXEL = 0.003
 STEEP = 0.5
 """Normals with |z| above this need a hand that comes from the side; the training contacts are mostly others, too."""
 STEEP_WEIGHT = 0.2
-FEWEST_CONTACTS = 32
+FEWEST_CONTACTS = 128
 """Contacts of every object at least, where there are many."""
 CONTACTS_AT_ONCE = 512
 CHECKS_AT_ONCE = 48
