@@ -16,7 +16,7 @@ from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, matrix_to_quaternion, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.grasping.collision import hits_table
+from icgnet.grasping.collision import check_collisions, hits_table
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.candidates import score_contacts
@@ -292,14 +292,18 @@ def test_classes_are_those_of_the_weights(predictor, in_world, depth, tmp_path):
         saved.of_class("mug")
 
 
-def test_a_hand_that_comes_fully_open_is_checked_fully_open(predictor, depth):
-    def rejected(clearance, opening):
-        searcher = Predictor(knowing(predictor, clearance=clearance), search=replace(QUICK, opening=opening))
-        return searcher.predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT).rejected
+@pytest.mark.parametrize("opening", ["full", "predicted"])
+def test_a_hand_that_comes_fully_open_is_checked_fully_open(predictor, depth, opening, monkeypatch):
+    checked = []
 
-    # With 4 cm of clearance every opening is the largest.
-    assert rejected(0.0, "full") == rejected(0.04, "predicted")
-    assert rejected(0.0, "full") != rejected(0.0, "predicted")
+    def spy(poses, openings, *args, **kwargs):
+        checked.append(openings)
+        return check_collisions(poses, openings, *args, **kwargs)
+
+    monkeypatch.setattr("icgnet.inference.candidates.check_collisions", spy)
+    searcher = predictor.with_search(opening=opening)
+    searcher.predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT)
+    assert (np.concatenate(checked) == predictor.gripper.max_opening).all() == (opening == "full")
 
 
 def test_a_hand_that_comes_fully_open_is_reported_and_saved_fully_open(predictor, depth, tmp_path):

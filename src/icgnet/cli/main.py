@@ -14,7 +14,7 @@ from typing import Annotated, Any, Union
 from icgnet.errors import IcgnetError
 
 COMMANDS = {
-    "demo": ("demo:Demo", "Find objects and grasps in the depth image that ships with the package."),
+    "demo": ("demo:Demo", "Find objects and grasps in the depth images that ship with the package."),
     "predict": ("predict:Predict", "Find objects and grasps in a depth image or a cloud."),
     "pick": ("pick:Pick", "Plan how an arm picks an object up, carries it and lets go of it."),
     "view": ("view:View", "Look at a saved prediction in the browser."),

@@ -11,7 +11,7 @@ class GraspSearch:
     """How objects and grasps are looked for."""
 
     contacts: int = 512
-    """Contact points that are scored, shared among the objects; of many objects 32 of each."""
+    """Contact points that are scored, shared among the objects; of many objects 128 of each."""
     min_score: float = 0.1
     """Candidates with a lower score are dropped."""
     select: Literal["best", "highest"] = "best"
