@@ -1,6 +1,5 @@
 """From a depth image or a cloud of a cluttered table to objects, complete shapes and ranked grasps."""
 
-import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
 from icgnet.inference.background import is_background
-from icgnet.inference.budget import Budget
+from icgnet.inference.budget import Budget, Clock
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode, find_instances
@@ -219,7 +218,7 @@ class Predictor:
         """
         # Two streams, so that finding the table does not change which contacts are drawn.
         for_table, for_contacts = map(np.random.default_rng, np.random.SeedSequence(self.seed).spawn(2))
-        clock, budget = _Clock(), Budget(self.search.budget_ms)
+        clock, budget = Clock(), Budget(self.search.budget_ms)
         tabletop = find_tabletop(cloud, table_height, for_table, is_level, mask)
         clock.lap("input")
 
@@ -267,7 +266,7 @@ class Predictor:
         tabletop: Tabletop,
         objects: list[list[Shape]],
         rng: np.random.Generator,
-        clock: "_Clock",
+        clock: Clock,
         budget: Budget,
     ) -> tuple[Grasps, dict[str, int]]:
         """Free grasps in the table frame, ranked; from the predicted surfaces too when the seen ones give few."""
@@ -310,20 +309,6 @@ class Predictor:
         """The same predictor with other settings of the search, for example `min_score=0.5`."""
         search = replace(self.search, **changes)
         return Predictor(self.network, self.gripper, search, self.seed, self.precision, self.network.device)
-
-
-class _Clock:
-    """Adds up how long each stage takes."""
-
-    def __init__(self) -> None:
-        self.laps_ms: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        """Books the time since the last lap on a stage."""
-        now = time.perf_counter()
-        self.laps_ms[stage] = self.laps_ms.get(stage, 0.0) + 1e3 * (now - self._last)
-        self._last = now
 
 
 def _support_planes(support: Support) -> tuple[SupportPlane, ...]:

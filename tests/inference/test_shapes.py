@@ -12,7 +12,7 @@ from icgnet.grasping.frame import grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
 from icgnet.grasping.selection import ranked
-from icgnet.inference.budget import Budget
+from icgnet.inference.budget import Budget, Clock
 from icgnet.inference.candidates import GraspContacts, keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance, encode
@@ -20,7 +20,7 @@ from icgnet.inference.shapes import SceneOccupancy, Shape
 from icgnet.inference.tabletop import Tabletop
 from icgnet.network.config import NETWORKS
 from icgnet.network.icgnet import IcgNet
-from icgnet.predictor import Predictor, _Clock
+from icgnet.predictor import Predictor
 
 ORIGIN = np.array([0.4, -0.2, 0.0])
 CENTRES = np.array([[0.15, 0.15, 0.09], [0.22, 0.15, 0.09]])
@@ -213,7 +213,7 @@ def test_unseen_sides_are_tried_only_when_the_seen_ones_give_too_few_good_grasps
 def search_for(shapes: list[Shape], tabletop: Tabletop, search: GraspSearch) -> dict[str, int]:
     """How many candidates a search drops, by reason; each ball is an object."""
     predictor = Predictor(shapes[0].network, load_gripper(), search)
-    return predictor._search(tabletop, [[shape] for shape in shapes], np.random.default_rng(0), _Clock(), Budget())[1]
+    return predictor._search(tabletop, [[shape] for shape in shapes], np.random.default_rng(0), Clock(), Budget())[1]
 
 
 @pytest.mark.parametrize(("min_score", "resampled"), [(0.0, False), (1.0, True)])

@@ -7,7 +7,7 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.objects.model import convex_hull
 from icgnet.objects.procedural import ProceduralObjectSet
 from icgnet.simulation.config import WideScenes, default_physics
-from icgnet.simulation.layouts import HOLLOW
+from icgnet.simulation.layouts import HOLLOW, spawn_wide
 from icgnet.simulation.motion import steps_in
 from icgnet.simulation.physics import scene_bodies
 from icgnet.simulation.scenes import spawn
@@ -146,3 +146,20 @@ def test_objects_that_do_not_fit_are_one_line(kind, config):
 def test_inverted_ranges_are_refused_by_name(name, make):
     with pytest.raises(InputError, match=rf"{name} must be a range .* got \(9(\.0)?, 8(\.0)?\)"):
         make()
+
+
+def test_stored_scenes_hold_boxes_alone_on_and_beside_one_another():
+    objects, config = OBJECTS, WideScenes(objects=(8, 8), table_edge=(0.6, 0.6), stored=1.0)
+    upright, raised, count = [], 0, 0
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        scene, _ = spawn_wide("table", objects, "train", rng, None, default_physics("table"), config)
+        assert {objects.class_name(placed.name) for placed in scene.objects} == {"box"}
+        for placed in scene.objects:
+            axes = placed.T_world_object[:3, :3]
+            vertices = np.concatenate([part.vertices for part in objects.model(placed.name).parts]) * placed.factors
+            raised += float((vertices @ axes[2]).min() + placed.T_world_object[2, 3]) > TABLE_HEIGHT + 0.01
+            upright.append(np.abs(axes[2]).max())
+        count += len(scene.objects)
+    assert raised > 0.15 * count
+    assert np.median(upright) > 0.999, "most lie on one of their faces"

@@ -4,7 +4,6 @@ Grasps are tried in their order. For each, cheap questions come first: joint pos
 go; then ways between them; then the trajectories, which are tested once more, finely enough that nothing is missed.
 """
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,6 +23,7 @@ from icgnet.errors import InputError
 from icgnet.geometry.arrays import position
 from icgnet.geometry.transforms import check_pose, invert_transform, make_transform, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
+from icgnet.inference.budget import Clock
 from icgnet.inference.prediction import Prediction
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -93,20 +93,6 @@ class _RefusedError(Exception):
     """A grasp cannot be carried out; the argument says why."""
 
 
-class _Clock:
-    """Adds up the time of the stages."""
-
-    def __init__(self) -> None:
-        self.laps_ms: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        """Books the time since the last call under a stage."""
-        now = time.perf_counter()
-        self.laps_ms[stage] = self.laps_ms.get(stage, 0.0) + 1e3 * (now - self._last)
-        self._last = now
-
-
 @dataclass(frozen=True, eq=False)
 class _Reach:
     """How a grasp is reached and left: joint positions at the grasp, on the line before it and on the line after it.
@@ -131,7 +117,7 @@ class _Planner:
         settings: PickSettings,
         start: Float[np.ndarray, "j"],
     ) -> None:
-        self.clock = _Clock()
+        self.clock = Clock()
         self.arm, self.gripper, self.settings = arm, prediction.gripper, settings
         self.grasps = prediction.grasps.transformed(T_base_frame)
         self.drop, self.start = drop, start

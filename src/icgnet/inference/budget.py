@@ -1,4 +1,4 @@
-"""How long a prediction may take."""
+"""How long a prediction may take, and how long its stages take."""
 
 import time
 
@@ -25,3 +25,17 @@ class Budget:
     def is_spent(self, share: float = 1.0) -> bool:
         """Whether this share of it is used up."""
         return self._seconds is not None and time.perf_counter() - self._start > share * self._seconds
+
+
+class Clock:
+    """Adds up how long each stage takes."""
+
+    def __init__(self) -> None:
+        self.laps_ms: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Books the time since the last lap on a stage."""
+        now = time.perf_counter()
+        self.laps_ms[stage] = self.laps_ms.get(stage, 0.0) + 1e3 * (now - self._last)
+        self._last = now
