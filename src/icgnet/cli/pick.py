@@ -1,7 +1,7 @@
 """`icgnet pick`: a plan for an arm."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,8 +37,11 @@ class Pick:
     drop: tuple[float, float, float]
     """Where the object is let go of: its lowest point, x y z in the world [m]."""
     hand_eye: Path | None = None
-    """YAML or JSON file with T_base_camera, or with T_tool_camera and joints; needed unless INPUT is a saved prediction
-    in the world."""
+    """YAML or JSON file with T_base_camera, or with T_tool_camera, as `icgnet calibrate-camera` writes; needed unless
+    INPUT is a saved prediction in the world."""
+    joints: tuple[float, ...] = ()
+    """Joint positions when the picture was taken [rad], with a camera on the arm; those of the hand-eye file if not
+    given."""
     arm: str = "fr3"
     """Name of an arm or an arm file."""
     object_class: str | None = None
@@ -83,6 +86,10 @@ class Pick:
 
         arm = Arm.load(self.arm)
         hand_eye = None if self.hand_eye is None else HandEye.read(self.hand_eye)
+        if self.joints:
+            if hand_eye is None or hand_eye.T_tool_camera is None:
+                raise InputError("--joints is for a camera on the arm: give --hand-eye with T_tool_camera")
+            hand_eye = replace(hand_eye, joints=np.array(self.joints))
         prediction, T_base_frame = self._prediction(arm, hand_eye)
         T_base_world = invert_transform(arm.description.T_world_base)
         drop = transform_points(T_base_world, np.array(self.drop))
