@@ -11,6 +11,7 @@ from rich.table import Table
 
 from icgnet.arm.settings import PickSettings
 from icgnet.cli.notices import print_notice
+from icgnet.cli.view import View
 from icgnet.errors import InputError
 from icgnet.output_folder import check_replaceable, output_folder
 
@@ -51,7 +52,9 @@ class Pick:
     start: tuple[float, ...] = ()
     """Joint positions from which the arm starts and to which it returns [rad]; its home if not given."""
     out: Path = Path("pick")
-    """Folder for plan.json, plan.npz and picture.png."""
+    """Folder for plan.json, plan.npz, motion.npz and picture.png."""
+    view: bool = False
+    """Show the pick in the browser at the end; `icgnet view` does so later."""
     intrinsics: tuple[str, ...] = ()
     """fx fy cx cy [pixels], or a JSON, YAML, npz or mat file with the camera matrix."""
     depth_scale: float = 1.0
@@ -100,6 +103,8 @@ class Pick:
         if not plan.is_found:
             raise InputError(_why_not(plan, len(self._chosen(prediction).grasps)))
         console.print(f"written to {self.out}; look at {self.out / PICTURE_FILE}", soft_wrap=True)
+        if self.view:
+            View(self.out).run()
 
     def _prediction(self, arm: "Arm", hand_eye: "HandEye | None") -> tuple["Prediction", object]:
         """What is seen, and the pose of its frame in that of the base."""
@@ -135,12 +140,15 @@ class Pick:
         return prediction if self.instance is None else prediction.of_instance(self.instance)
 
     def _write(self, plan: "PickPlan", arm: "Arm") -> None:
+        from icgnet.arm.animation import motion_of
+        from icgnet.arm.motion import MOTION_FILE
         from icgnet.viewer.pick_picture import pick_panels
         from icgnet.viewer.sheet import draw_sheet
 
         with output_folder(self.out, "plan.json", self.overwrite) as folder:
             plan.write(folder)
             if plan.is_found:
+                motion_of(plan, arm).write(folder / MOTION_FILE)
                 panels = pick_panels(plan, arm)
                 draw_sheet(list(panels.values()), list(panels), folder / PICTURE_FILE, COLUMNS)
 
