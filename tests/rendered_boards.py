@@ -13,13 +13,11 @@ from icgnet.geometry.camera import look_at
 from icgnet.geometry.transforms import invert_transform, make_transform, rotation_z
 
 LAYOUT = BoardLayout()
-SHAPE = (480, 640)
-K = np.array([[615.0, 0.0, 322.4], [0.0, 614.0, 238.1], [0.0, 0.0, 1.0]])
+SHAPE = (720, 1280)
+K = np.array([[920.0, 0.0, 643.4], [0.0, 918.0, 357.1], [0.0, 0.0, 1.0]])
 DISTORTION = np.array([0.08, -0.18, 0.001, -0.0008, 0.05])
 PIXELS, AROUND = 100, 100
 """Of a square of the board, and of the white paper around it, in the picture that cameras look at."""
-FINER = 2
-"""So many rays are cast along each side of a pixel."""
 BLUR, NOISE = 0.7, 3.0
 """Of a lens [pixels], and of a sensor [grey levels of 255]."""
 
@@ -45,9 +43,8 @@ class Taken:
 
 @cache
 def camera_rays() -> np.ndarray:
-    """Directions through all parts of all pixels, the lens's distortion undone."""
-    height, width = SHAPE
-    v, u = (np.mgrid[0 : FINER * height, 0 : FINER * width] + 0.5) / FINER - 0.5
+    """Directions through all pixels, the lens's distortion undone."""
+    v, u = np.indices(SHAPE, float)
     pixels = np.stack([u.ravel(), v.ravel()], axis=-1)[:, None]
     until = (cv2.TERM_CRITERIA_COUNT, 20, 0.0)
     straight = cv2.undistortPointsIter(pixels, K, DISTORTION, None, None, until)[:, 0]
@@ -56,14 +53,13 @@ def camera_rays() -> np.ndarray:
 
 def photograph(T_camera_board: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """What a camera sees of the board: each ray through the lens falls on the paper, or on grey beside it."""
-    paper = np.pad(Board(LAYOUT).image(PIXELS), AROUND, constant_values=255)
-    height, width = SHAPE
+    paper = cv2.GaussianBlur(np.pad(Board(LAYOUT).image(PIXELS), AROUND, constant_values=255), (0, 0), BLUR)
     T_board_camera = invert_transform(T_camera_board)
     rays = camera_rays() @ T_board_camera[:3, :3].T
     hits = T_board_camera[:3, 3] - T_board_camera[2, 3] / rays[:, 2:] * rays
-    columns, rows = (hits[:, :2].T / LAYOUT.square * PIXELS + AROUND - 0.5).reshape(2, FINER * height, FINER * width)
-    seen = cv2.remap(paper, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderValue=140)
-    seen = cv2.GaussianBlur(cv2.resize(seen, SHAPE[::-1], interpolation=cv2.INTER_AREA).astype(float), (0, 0), BLUR)
+    columns, rows = (hits[:, :2].T / LAYOUT.square * PIXELS + AROUND - 0.5).reshape(2, *SHAPE).astype(np.float32)
+    seen = cv2.remap(paper, columns, rows, cv2.INTER_LINEAR, borderValue=140)
+    seen = cv2.GaussianBlur(seen.astype(float), (0, 0), BLUR)
     return np.clip(0.8 * seen + 20.0 + rng.normal(0.0, NOISE, SHAPE), 0, 255).astype(np.uint8)
 
 

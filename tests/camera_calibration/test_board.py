@@ -77,7 +77,6 @@ def test_a_board_needs_markers_enough():
         ({"squares": (2, 5)}, "squares must be from 3 to 40 each, got (2, 5)"),
         ({"square": 30.0}, "square must be in metres, from 0.005 to 0.3, got 30"),
         ({"marker": 0.03}, "marker must be above 0 and below square = 0.03 m, got 0.03"),
-        ({"dictionary": "DICT_9X9_50"}, "dictionary must be one of DICT_4X4_50"),
     ],
 )
 def test_wrong_layouts_are_refused(values, message):

@@ -81,7 +81,7 @@ def test_the_standard_error_tells_of_an_arm_that_errs(on_arm):
 
 
 def test_pictures_without_the_board_are_told_and_not_used(on_arm):
-    images = dict(on_arm.images) | {"03.png": np.full((480, 640), 128, np.uint8)}
+    images = dict(on_arm.images) | {"03.png": np.full((720, 1280), 128, np.uint8)}
     found = calibrate(images, on_arm.poses, BOARD, "eye-in-hand", LENS)
     missed = [each for each in found.residuals if each.pixels is None]
     assert [(each.name, each.corners, each.millimetres) for each in missed] == [("03.png", 0, None)]
@@ -118,7 +118,7 @@ def test_another_board_is_refused(on_arm):
 
 
 def test_a_board_in_few_of_the_pictures_is_refused(on_arm):
-    empty = {name: np.full((480, 640), 128, np.uint8) for name in list(on_arm.images)[:7]}
+    empty = {name: np.full((720, 1280), 128, np.uint8) for name in list(on_arm.images)[:7]}
     assert "the board was found in 5 of 12 pictures" in refusal(Taken(on_arm.images | empty, on_arm.poses))
 
 
@@ -154,14 +154,14 @@ def test_poses_of_other_pictures_are_refused(on_arm):
 
 def test_pictures_of_two_sizes_are_refused(on_arm):
     images = on_arm.images | {"11.png": on_arm.images["11.png"][:400]}
-    assert "all pictures must have one size: 11.png has 640 x 400, 00.png 640 x 480" in refusal(
+    assert "all pictures must have one size: 11.png has 1280 x 400, 00.png 1280 x 720" in refusal(
         Taken(images, on_arm.poses)
     )
 
 
 def test_the_camera_matrix_of_another_size_is_refused(on_arm):
-    lens = make_lens(np.array([[1230.0, 0.0, 644.8], [0.0, 1228.0, 476.2], [0.0, 0.0, 1.0]]))
-    assert "outside of the 640 x 480 pictures" in refusal(on_arm, lens=lens)
+    lens = make_lens(np.array([[1840.0, 0.0, 1286.8], [0.0, 1836.0, 714.2], [0.0, 0.0, 1.0]]))
+    assert "outside of the 1280 x 720 pictures" in refusal(on_arm, lens=lens)
 
 
 @pytest.mark.parametrize("distortion", [(0.1, 0.2, 0.3), (0.1, float("nan"), 0.0, 0.0)])

@@ -66,7 +66,7 @@ def test_a_camera_beside_the_arm_and_a_lens_nobody_knows(tmp_path, beside_arm, c
 
 
 def test_every_picture_is_told_of(folder, capsys, on_arm):
-    Image.fromarray(np.full((480, 640), 128, np.uint8)).save(folder / "pictures" / "00.png")
+    Image.fromarray(np.full((720, 1280), 128, np.uint8)).save(folder / "pictures" / "00.png")
     Image.fromarray(on_arm.images["01.png"]).save(folder / "pictures" / "extra.png")
     assert main([*COMMAND, "--intrinsics", "camera.yaml"]) == 0
     output, errors = capsys.readouterr()

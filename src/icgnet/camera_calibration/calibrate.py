@@ -244,7 +244,10 @@ def _solve(moved: Float[np.ndarray, "n 4 4"], T_camera_board: Float[np.ndarray, 
         list(T_camera_board[:, :3, 3]),
         method=cv2.CALIB_HAND_EYE_PARK,
     )
-    return make_transform(Rotation.from_matrix(np.asarray(turn)).as_matrix(), np.asarray(place).reshape(3))
+    # Poses that fit nothing give a matrix that is no rotation; the nearest one shows it in the residuals.
+    left, _, right = np.linalg.svd(np.nan_to_num(np.asarray(turn, float)))
+    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return make_transform(rotation, np.nan_to_num(np.asarray(place, float)).reshape(3))
 
 
 def _compare(
