@@ -54,10 +54,10 @@ class PickViewer:
         }
         gui = server.gui
         gui.add_markdown(f"**pick of {motion.title}**, {motion.duration:.1f} s")
-        self._time = gui.add_slider("Time [s]", 0.0, round(motion.duration, 2), 0.01, 0.0)
+        self._time = gui.add_slider("Time [s]", min=0.0, max=round(motion.duration, 2), step=0.01, initial_value=0.0)
         self._button = gui.add_button(PLAY)
-        self._speed = gui.add_dropdown("Speed", SPEEDS, "1 x")
-        self._repeat = gui.add_checkbox("Repeat", True)
+        self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1 x")
+        self._repeat = gui.add_checkbox("Repeat", initial_value=True)
         self._caption = gui.add_markdown("")
         self._lock = threading.Lock()
         self._playing, self._closed = threading.Event(), threading.Event()
