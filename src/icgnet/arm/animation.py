@@ -107,4 +107,7 @@ def _hand(
 
 
 def _mesh(boxes: Sequence[Box]) -> trimesh.Trimesh:
-    return trimesh.util.concatenate([trimesh.creation.box(each.size).apply_translation(each.centre) for each in boxes])
+    meshes = [trimesh.creation.box(each.size).apply_translation(each.centre) for each in boxes]
+    return trimesh.Trimesh(
+        *trimesh.util.append_faces([each.vertices for each in meshes], [each.faces for each in meshes]), process=False
+    )

@@ -91,19 +91,19 @@ class Motion:
             "poses": [each.astype(np.float32) for each in places],
             "shown": [part.shown for part in parts],
         }
-        np.savez_compressed(
-            path,
-            format=FORMAT,
-            title=self.title,
-            times=self.times,
-            phase_ends=self.phase_ends,
-            captions=np.array(self.captions),
-            names=np.array([part.name for part in parts]),
-            kinds=np.array([part.kind for part in parts]),
-            instances=np.array([part.instance for part in parts]),
-            **{name: np.concatenate(each) for name, each in arrays.items()},
-            **{f"{name}_counts": np.array([len(rows) for rows in each]) for name, each in arrays.items()},
-        )
+        content: dict[str, Any] = {
+            "format": FORMAT,
+            "title": self.title,
+            "times": self.times,
+            "phase_ends": self.phase_ends,
+            "captions": np.array(self.captions),
+            "names": np.array([part.name for part in parts]),
+            "kinds": np.array([part.kind for part in parts]),
+            "instances": np.array([part.instance for part in parts]),
+        }
+        content |= {name: np.concatenate(each) for name, each in arrays.items()}
+        content |= {f"{name}_counts": np.array([len(rows) for rows in each]) for name, each in arrays.items()}
+        np.savez_compressed(path, **content)
 
     @staticmethod
     def load(path: Path) -> "Motion":

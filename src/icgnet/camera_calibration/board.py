@@ -77,7 +77,7 @@ class Board:
             return 0, None
         if len(ids) < FEWEST_CORNERS or self._board.checkCharucoCornersCollinear(ids):
             return len(ids), None
-        matched = self._board.matchImagePoints(corners, ids)
+        matched = self._board.matchImagePoints(corners, ids)  # pyright: ignore
         on_board, in_image = (np.asarray(each, np.float64).reshape(len(ids), -1) for each in matched)
         return len(ids), FoundCorners(on_board, self._refined(image, on_board, in_image))
 

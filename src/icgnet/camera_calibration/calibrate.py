@@ -138,8 +138,8 @@ def calibrate(
         degrees > max(OUTLYING_DEG, OUTLYING * float(np.median(degrees)))
     )
     of_found = {
-        name: Residual(name, looked[name][0], *map(float, numbers[:3]), bool(numbers[3]))
-        for name, *numbers in zip(found, pixels, millimetres, degrees, out, strict=True)
+        name: Residual(name, looked[name][0], pixels[row], float(millimetres[row]), float(degrees[row]), bool(out[row]))
+        for row, name in enumerate(found)
     }
     error_mm, error_deg = _jackknife(moved, T_camera_board)
     return Calibration(

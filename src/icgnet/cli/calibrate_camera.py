@@ -137,9 +137,8 @@ def summary(found: "Calibration") -> list[str]:
     """The result in a few lines."""
     import numpy as np
 
-    used = [each for each in found.residuals if each.pixels is not None]
-    millimetres = [each.millimetres for each in used]
-    degrees = [each.degrees for each in used]
+    all_off = [(each.millimetres, each.degrees) for each in found.residuals if each.pixels is not None]
+    millimetres, degrees = np.array(all_off, float).T
     name = "T_tool_camera" if found.setup == "eye-in-hand" else "T_base_camera"
     x, y, z = 1e3 * found.pose[:3, 3]
     matrix = found.lens.intrinsics
@@ -150,8 +149,8 @@ def summary(found: "Calibration") -> list[str]:
     return [
         f"{name}: x y z = {x:.1f} {y:.1f} {z:.1f} mm, standard error {found.error_mm:.2f} mm and "
         f"{found.error_deg:.3f} degrees (jackknife)",
-        f"{len(used)} of {len(found.residuals)} pictures; the board's pose differs from their mean by "
-        f"{np.mean(millimetres):.2f} mm and {np.mean(degrees):.3f} degrees, at most {max(millimetres):.2f} mm and "
-        f"{max(degrees):.3f} degrees",
+        f"{len(all_off)} of {len(found.residuals)} pictures; the board's pose differs from their mean by "
+        f"{millimetres.mean():.2f} mm and {degrees.mean():.3f} degrees, at most {millimetres.max():.2f} mm and "
+        f"{degrees.max():.3f} degrees",
         lens,
     ]
