@@ -59,6 +59,7 @@ def plan_pick(
     drop: Any,
     settings: PickSettings = DEFAULT_PICK,
     start: Any = None,
+    fixtures: Sequence[CollisionBody] = (),
 ) -> PickPlan:
     """A plan for the first grasp of a prediction that can be carried out.
 
@@ -70,6 +71,7 @@ def plan_pick(
             and its middle above this place.
         settings: how to plan.
         start: joint positions from which the arm starts and to which it returns [rad]; home if None.
+        fixtures: what always stands there whether it is seen or not, in the frame of the base: the drop-off box.
 
     Returns:
         The plan, with the reasons for which better grasps were refused; without phases if all were.
@@ -85,6 +87,7 @@ def plan_pick(
         position(drop, "drop"),
         settings,
         arm.home if start is None else arm.check_joints(start, "start"),
+        tuple(fixtures),
     )
     return planner.plan()
 
@@ -116,6 +119,7 @@ class _Planner:
         drop: Float[np.ndarray, "3"],
         settings: PickSettings,
         start: Float[np.ndarray, "j"],
+        fixtures: tuple[CollisionBody, ...],
     ) -> None:
         self.clock = Clock()
         self.arm, self.gripper, self.settings = arm, prediction.gripper, settings
@@ -131,7 +135,7 @@ class _Planner:
             raise InputError(
                 f"drop is {away:.2f} m from the first joint of the arm, which reaches {reach:.2f} m at most"
             )
-        self.bodies = bodies_of(prediction, T_base_frame, settings.obstacles)
+        self.bodies = (*bodies_of(prediction, T_base_frame, settings.obstacles), *fixtures)
         self.solver: Solver = make_solver(arm)
         self.timing = Timing(arm)
         self.rng = np.random.default_rng(settings.seed)
@@ -239,7 +243,7 @@ class _Planner:
         solutions = self.solver.solutions(T_base_mount)
         if not len(solutions):
             reasons.append(NO_IK)
-        for joints in _apart(solutions)[:MOST_REACHES]:
+        for joints in apart(solutions)[:MOST_REACHES]:
             if checker.collides(joints):
                 reasons.append(_told(checker.meetings(joints)[0]))
             else:
@@ -398,7 +402,7 @@ class _Planner:
             raise _RefusedError(NO_DROP)
         order = np.argsort(np.abs(joints - lifted).max(axis=1), kind="stable")
         lines, reasons = [], []
-        for each in _apart(joints[order])[:MOST_DROPS]:
+        for each in apart(joints[order])[:MOST_DROPS]:
             line = each[None]
             if checker.collides(each, self.settings.margin):
                 reasons.append(_told(checker.meetings(each, self.settings.margin)[0]))
@@ -473,7 +477,7 @@ class _Planner:
         checker = self._checker(load, left)
         for deviation in DEVIATIONS:
             trajectory = self.timing.along(way, deviation, speed)
-            phase = _tested(name, trajectory, load, checker, self.settings.margin)
+            phase = tested_phase(name, trajectory, load, checker, self.settings.margin)
             if phase is not None:
                 return replace(phase, extra=tuple(left))
         raise _RefusedError(reason)
@@ -493,7 +497,7 @@ class _Planner:
             _RefusedError: it meets something.
         """
         trajectory = self.timing.along(line, LINE_DEVIATION, speed)
-        phase = _tested(name, trajectory, load, self._checker(load, left), 0.0)
+        phase = tested_phase(name, trajectory, load, self._checker(load, left), 0.0)
         if phase is None:
             raise _RefusedError(reason)
         return replace(phase, extra=tuple(left))
@@ -507,13 +511,15 @@ class _Planner:
             _RefusedError: they meet something.
         """
         checker = self._checker(load, left)
-        phase = _tested(name, still(joints, (load.high - load.low) / FINGER_SPEED), load, checker, 0.0)
+        phase = tested_phase(name, still(joints, (load.high - load.low) / FINGER_SPEED), load, checker, 0.0)
         if phase is None:
             raise _RefusedError(_told(checker.meetings(joints)[0]))
         return replace(phase, opening=end, extra=tuple(left))
 
 
-def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float) -> Phase | None:
+def tested_phase(
+    name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float
+) -> Phase | None:
     """The phase of a trajectory that meets nothing; None if it does.
 
     Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
@@ -544,7 +550,7 @@ def _farthest(reasons: list[str]) -> str:
     return next((reason for reason in reversed(reasons) if reason != NO_IK), NO_IK)
 
 
-def _apart(joints: Float[np.ndarray, "n j"], least: float = 0.3) -> Float[np.ndarray, "m j"]:
+def apart(joints: Float[np.ndarray, "n j"], least: float = 0.3) -> Float[np.ndarray, "m j"]:
     """Joint positions in their order without those that are near to one before [rad]."""
     kept: list[Float[np.ndarray, "j"]] = []
     for each in joints:

@@ -151,7 +151,7 @@ def run_clutter(
     planner_of(config, anew=True)
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
-        _check_config(out / CONFIG_FILE, config)
+        check_config(out / CONFIG_FILE, config)
         cut_unfinished_line(out / ROUNDS_FILE)
         rounds = read_rounds(out / ROUNDS_FILE)
         on_round(rounds)
@@ -169,7 +169,7 @@ def run_clutter(
     return numbers
 
 
-def _check_config(path: Path, config: ClutterConfig) -> None:
+def check_config(path: Path, config: ClutterConfig) -> None:
     """Makes sure that the configuration of a folder is this one, and writes it if there is none.
 
     Raises:
