@@ -65,7 +65,8 @@ def add_arm(spec: mujoco.MjSpec, arm: ArmModel, gripper: Gripper, physics: Physi
             name=f"joint_{number}",
             type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
             axis=motion[:3] if slides else motion[3:],
-            range=arm.ranges[number - 1],
+            # The engine's models are written in degrees.
+            range=arm.ranges[number - 1] if slides else np.rad2deg(arm.ranges[number - 1]),
             limited=True,
             armature=ARMATURE,
         )
