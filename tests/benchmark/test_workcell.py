@@ -9,9 +9,9 @@ import pytest
 import needs_arm  # noqa: F401
 from box_objects import EDGE, BoxAndBall, placed
 from icgnet.arm.arm import Arm
+from icgnet.benchmark.clutter import ROUNDS_FILE
 from icgnet.benchmark.config import WorkcellConfig
 from icgnet.benchmark.record import REPORT_FILE
-from icgnet.benchmark.clutter import ROUNDS_FILE
 from icgnet.benchmark.workcell import numbers, rounds
 from icgnet.benchmark.workcell.eyes import TrueEyes, instance_under, take_look, true_object
 from icgnet.benchmark.workcell.numbers import read_workcell_rounds, run_workcell, summarise, tables

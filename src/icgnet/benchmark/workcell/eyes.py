@@ -4,16 +4,14 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import trimesh
 from jaxtyping import Bool, Float, Int
 
-from icgnet.arm.bodies import CollisionBody
 from icgnet.benchmark.config import OUR_NETWORK, WorkcellConfig
 from icgnet.benchmark.planners.oracle import held_grasps, touchable
+from icgnet.benchmark.workcell.station import CAMERA
 from icgnet.geometry.camera import pixel_rays
 from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import invert_transform, transform_points
-from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
 from icgnet.grasping.selection import ranked
@@ -23,9 +21,8 @@ from icgnet.inference.tabletop import TableNotFoundError
 from icgnet.objects.classes import CLASSES
 from icgnet.objects.object_set import ObjectSet
 from icgnet.predictor import Predictor
-from icgnet.sensors.noise import corrupt_depth
 from icgnet.sensors.config import SensorNoise
-from icgnet.benchmark.workcell.station import CAMERA
+from icgnet.sensors.noise import corrupt_depth
 from icgnet.simulation.camera import DepthImage, SceneRenderer
 from icgnet.simulation.physics import scene_bodies
 from icgnet.simulation.scene import Scene, scene_triangles

@@ -6,7 +6,6 @@ Paper: "Real World Experiments".
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -296,9 +295,7 @@ class _Game:
         believed = HandEye(T_tool_camera=self.T_mount_believed, joints=cell.joints()).pose(station.arm)
         T_world_camera = T_world_mount @ station.T_mount_camera
         noise = self.job.config.noise
-        return take_look(
-            cell.scene(), self.job.pool, T_world_camera, station.T_world_base @ believed, noise, rng
-        )
+        return take_look(cell.scene(), self.job.pool, T_world_camera, station.T_world_base @ believed, noise, rng)
 
     def _take_turn(self) -> Sight:
         """One picture, and the pick that comes of it, if any."""

@@ -151,7 +151,9 @@ class Station:
             if best is not None:
                 found.append(joints[best])
         if not found:
-            raise InputError(f"arm {self.arm.name} reaches none of the places to look from: it is built too differently")
+            raise InputError(
+                f"arm {self.arm.name} reaches none of the places to look from: it is built too differently"
+            )
         return tuple(found)
 
     def move(self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"]) -> Phase | None:
