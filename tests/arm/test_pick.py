@@ -7,6 +7,7 @@ import pytest
 
 import needs_arm  # noqa: F401
 from arm_scenes import DROP, T_BASE_FRAME, box
+from icgnet.arm.bodies import CollisionBody
 from icgnet.arm.pick import plan_pick
 from icgnet.arm.replay import replay
 from icgnet.arm.scene import CARRIED, CollisionChecker
@@ -203,3 +204,14 @@ def test_wrong_input_is_one_line(fr3, seen, changes, message):
 def test_wrong_settings_are_refused(values, message):
     with pytest.raises(InputError, match=message):
         PickSettings(**values)
+
+
+def test_what_always_stands_there_is_kept_clear_of_like_anything_else(fr3, seen):
+    around = box((0.3, 0.3, 0.3)).apply_translation(T_BASE_FRAME[:3, 3])
+    place = around.centroid + [0.0, 0.35, -0.1]
+    fixture = CollisionBody("drop-off box", around.copy().apply_translation([0.0, 0.35, 0.0]))
+    free = plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, place)
+    blocked = plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, place, fixtures=(fixture,))
+    assert free.is_found
+    assert not blocked.is_found
+    assert "drop-off box" in next(iter(blocked.refused))

@@ -53,8 +53,8 @@ def add_arm(spec: mujoco.MjSpec, arm: ArmModel, gripper: Gripper, physics: Physi
     """Adds an arm with its hand; gravity is compensated, as controllers of arms do.
 
     Bodies: link_0 (the base), link_1, ..., then those of the hand. Joints joint_1, ... have position-controlled
-    actuators of the same names. Links meet objects and surroundings, but not each other nor the hand: that is what plans
-    are checked for.
+    actuators of the same names. Links meet objects and surroundings, but not each other nor the hand: plans are checked
+    for that.
     """
     body = spec.worldbody.add_body(name="link_0", **_placed(arm.T_world_base))
     _add_parts(spec, body, 0, arm, physics)

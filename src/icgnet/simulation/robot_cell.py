@@ -233,6 +233,7 @@ class RobotCell:
         snapshot, centres = world.snapshot(), world.centres_of_mass()
         watch = _Watch(self, target)
         for motion in motions:
+            watch.begin(motion.name)
             self._run(motion, watch)
             watch.end_of(motion.name)
         if world.is_unstable():
@@ -285,7 +286,7 @@ class _Watch:
 
     def __init__(self, cell: RobotCell, target: int) -> None:
         self._cell, self._world, self._target = cell, cell._world, target
-        self._phase = "closing" if target == NO_TARGET else "before"
+        self._phase = "before"
         self._is_target = self._world.object_of_geom == target if target >= 0 else np.zeros(1, bool)
         self.touched: dict[int, None] = {}
         self.hit: dict[int, None] = {}
@@ -314,17 +315,13 @@ class _Watch:
         pairs = data.contact.geom
         of_arm = cell._is_arm[pairs]
         arm_alone = of_arm[:, 0] != of_arm[:, 1]
-        if arm_alone.any() and not self._let_go:
+        if arm_alone.any() and self._phase != "after":
             others = np.where(of_arm[arm_alone, 0], pairs[arm_alone, 1], pairs[arm_alone, 0])
             names = cell._name_of_geom[others]
             self._was_touched |= bool((names == self._target).any())
             self.touched |= dict.fromkeys(names[names != self._target].tolist())
         if self._phase in ("lift", "carry"):
             self._look_at_carried(pairs, of_arm)
-
-    @property
-    def _let_go(self) -> bool:
-        return self._phase == "after"
 
     def _look_at_carried(self, pairs: Int[np.ndarray, "c 2"], of_arm: "np.ndarray") -> None:
         """Notes what the carried object meets, other than the hand and, at first, what it stood at."""
@@ -345,6 +342,11 @@ class _Watch:
                 self.hit[name] = None
                 self.force, self.depth = max(self.force, force), max(self.depth, depth)
 
+    def begin(self, phase: str) -> None:
+        """From the release on, the object falls where it shall."""
+        if phase == "release":
+            self._phase = "after"
+
     def end_of(self, phase: str) -> None:
         """Asks, where it matters, whether the target is still held, and goes on to the next phase."""
         if self._target == NO_TARGET:
@@ -361,8 +363,6 @@ class _Watch:
             self._phase = "carry" if self._carried else "after"
         elif phase in ("carry", "lower") and self._carried and self._holds():
             self.cause = PickCause.BESIDE_BOX
-        elif phase == "release":
-            self._phase = "after"
 
     @property
     def _not_closed(self) -> PickCause:

@@ -1,1 +1,1 @@
-"""The paper's robot in simulation: an arm with a camera on its wrist clears a table into a box, or fetches one object."""
+"""The robot of the paper in simulation: an arm with a camera on its wrist clears a table, or fetches one object."""

@@ -1,7 +1,7 @@
 """Who looks at the workcell: the network, or one who knows the true shapes. Both say what is where by one picture."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -88,6 +88,7 @@ def take_look(
     return Look(scene, object_set, image, depth, T_world_camera, T_world_believed, rng)
 
 
+@runtime_checkable
 class Eyes(Protocol):
     """Finds objects and grasps in a picture."""
 

@@ -16,7 +16,7 @@ from icgnet.arm.fetch import FetchPlan, plan_fetch
 from icgnet.arm.hand_eye import HandEye
 from icgnet.arm.pick import plan_pick
 from icgnet.arm.plan import PickPlan
-from icgnet.arm.replay import replay
+from icgnet.arm.replay import Replay, replay
 from icgnet.arm.settings import PickSettings
 from icgnet.benchmark.config import NOTHING_FOUND, WorkcellConfig
 from icgnet.benchmark.target import occlusions
@@ -39,7 +39,12 @@ from icgnet.simulation.surroundings import BIN_WALL, ENDLESS
 COUNTS = (3, 6)
 """Objects of a scene, as on the paper's robot."""
 WIDE = WideScenes(
-    objects=COUNTS, table_edge=(0.36, 0.5), bin_edge=(0.28, 0.4), bin_height=(0.05, 0.12), longest=(0.02, 0.2), stored=0
+    objects=COUNTS,
+    table_edge=(0.36, 0.5),
+    bin_edge=(0.28, 0.4),
+    bin_height=(0.05, 0.12),
+    longest=(0.02, 0.2),
+    stored=0.0,
 )
 """Tables and bins that the arm can reach all over."""
 KEPT = (BIN_WALL, EDGE, FLOOR)
@@ -322,7 +327,7 @@ class _Game:
         }
         if prediction is None or plan is None or plan.instance is None:
             return Sight(**sight)
-        return self._carry_out(prediction, plan, look, sight, wanted)
+        return self._carry_out(prediction, plan, look, sight)
 
     def _wanted(self, prediction: Prediction | None, look: Look) -> int:
         """The instance that is to be fetched: that with most of the pixels of the target in the true picture."""
@@ -352,9 +357,7 @@ class _Game:
             refused[str(error)] += 1
         return plan, dict(refused)
 
-    def _carry_out(
-        self, prediction: Prediction, plan: PickPlan, look: Look, sight: dict[str, Any], wanted: int
-    ) -> PickAttempt:
+    def _carry_out(self, prediction: Prediction, plan: PickPlan, look: Look, sight: dict[str, Any]) -> PickAttempt:
         """Plays the plan back, carries it out, and writes down what came of it."""
         assert plan.instance is not None
         assert plan.T_base_grasp is not None
@@ -365,7 +368,7 @@ class _Game:
         grasps = prediction.of_instance(plan.instance).grasps
         poses = self.station.T_base_world @ grasps.poses
         nearest = int(np.abs(poses[:, :3, 3] - plan.T_base_grasp[:3, 3]).sum(axis=1).argmin())
-        return self._attempt(sight, plan, carried, target, owner, float(grasps.scores[nearest]), played, wanted)
+        return self._attempt(sight, plan, carried, target, owner, float(grasps.scores[nearest]), played)
 
     def _attempt(
         self,
@@ -375,9 +378,9 @@ class _Game:
         target: int,
         owner: int,
         score: float,
-        played: Any,
-        wanted: int,
+        played: Replay,
     ) -> PickAttempt:
+        """What is written down of a pick."""
         names = {**dict(enumerate(self.names)), TABLE: "table", BACKGROUND: "structure", NO_TARGET: "nothing"}
         told = names[target if target != NO_TARGET else owner]
         T_world_grasp: Float[np.ndarray, "4 4"] = self.station.T_world_base @ plan.T_base_grasp

@@ -35,11 +35,12 @@ T_GRASP_CAMERA = make_transform(
     np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.07, 0.0, -0.10])
 )
 """The camera looks along the approach, beside the palm: rows of the picture lie along the closing axis."""
-VIEWS_DEG = ((30.0, 180.0), (45.0, 90.0), (45.0, -90.0), (15.0, 0.0), (45.0, 180.0))
+VIEWS_DEG = ((30.0, 180.0), (45.0, 90.0), (45.0, -90.0), (15.0, 0.0), (0.0, 180.0))
 """Places to look from, in their order: angle from the vertical, and azimuth about the middle of the workspace (0: from
 beyond it, 180: from the arm's side) [degrees]."""
-VIEW_DISTANCE, VIEW_HEIGHT = 0.5, 0.05
-"""Of the camera from a point this far above the middle of the support [m]."""
+VIEW_DISTANCE, PER_EDGE, VIEW_HEIGHT = 0.5, 1.2, 0.05
+"""Distance of the camera: at least the first [m], and the second times the longer edge of the support; from a point this
+far above its middle [m]."""
 ROLLS = 8
 """So many turns of the camera about its axis are tried; the picture is turned, no more."""
 HAND_EYE_SHIFT, HAND_EYE_TURN = 0.002, float(np.deg2rad(0.3))
@@ -133,11 +134,12 @@ class Station:
         found = []
         lower, upper = self.surroundings.bounds
         target = np.array([*(lower + upper) / 2, TABLE_HEIGHT + VIEW_HEIGHT])
+        distance = max(VIEW_DISTANCE, PER_EDGE * float((upper - lower).max()))
         opened = Load(self.gripper.max_opening, self.gripper.max_opening)
         checker = CollisionChecker(self.arm, self.gripper, self.unseen, opened)
         solver, margin = make_solver(self.arm), PickSettings().margin
         for polar, azimuth in np.deg2rad(VIEWS_DEG):
-            looking = sphere_pose(target, VIEW_DISTANCE, polar, azimuth)
+            looking = sphere_pose(target, distance, polar, azimuth)
             solutions = [np.zeros((0, len(self.arm.home)))]
             for roll in 2 * np.pi * np.arange(ROLLS) / ROLLS:
                 T_world_camera = looking @ make_transform(rotation_z(roll), np.zeros(3))
