@@ -203,7 +203,7 @@ def test_rounds_are_written_read_back_and_not_played_again(tmp_path, monkeypatch
     assert made == [0, 1]
     with pytest.raises(DataError, match="attached_check is True there, False now"):
         run_workcell(replace(config, attached_check=False), tmp_path)
-    (tmp_path / ROUNDS_FILE).write_text('{"round": 0}\n')
+    (tmp_path / ROUNDS_FILE).write_text('[{"round": 0}]\n')
     with pytest.raises(DataError, match="line 1: not a round of the workcell"):
         read_workcell_rounds(tmp_path / ROUNDS_FILE)
 

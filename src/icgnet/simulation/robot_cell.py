@@ -9,7 +9,7 @@ from enum import Enum
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from icgnet.geometry.transforms import make_transform
 from icgnet.geometry.workspace import TABLE_HEIGHT
@@ -101,7 +101,7 @@ class DropBox:
         ]
         return (floor, *sides, *ends)
 
-    def holds(self, points: Float[np.ndarray, "n 3"]) -> "np.ndarray":
+    def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
         """Which points of the world [m] are over its floor and not above its walls."""
         inside = np.abs(points[:, :2] - self.centre) <= np.array(self.inner) / 2
         return inside.all(axis=1) & (points[:, 2] < TABLE_HEIGHT + self.height)
@@ -164,7 +164,13 @@ class RobotCell:
     """The objects of a scene, an arm with a hand before them, and a box that it drops them into."""
 
     def __init__(
-        self, scene: Scene, object_set: ObjectSet, gripper: Gripper, arm: ArmModel, box: DropBox, joints: object
+        self,
+        scene: Scene,
+        object_set: ObjectSet,
+        gripper: Gripper,
+        arm: ArmModel,
+        box: DropBox,
+        joints: Float[np.ndarray, "j"],
     ) -> None:
         """Compiles the world.
 
@@ -182,14 +188,14 @@ class RobotCell:
         bodies = scene_bodies(scene, object_set)
         self._world = World(bodies, physics, gripper, asleep=True, surroundings=surroundings, arm=arm)
         self._settling = Settling(self._world, scene.surroundings)
-        self._T_grasp_joint = np.linalg.inv(arm.T_joint_grasp)
+        self._T_joint_grasp = arm.T_joint_grasp
         model, world = self._world.model, self._world
         # What a geom is: an object by its number, else TABLE, BACKGROUND, or the arm.
         self._is_arm = world.arm.is_link | world.hand.is_hand
         self._name_of_geom = world.object_of_geom.copy()
         self._name_of_geom[(world.object_of_geom < 0) & ~self._is_arm] = BACKGROUND
         self._name_of_geom[model.geom("table").id] = TABLE
-        world.arm.place(np.asarray(joints, float))
+        world.arm.place(joints)
         world.hand.set_opening(gripper.max_opening)
         self._opening: float | None = gripper.max_opening
         world.hand.drive(gripper.max_opening)
@@ -212,7 +218,7 @@ class RobotCell:
 
     def hand_pose(self) -> Float[np.ndarray, "4 4"]:
         """T_world_grasp: where the hand is [m]."""
-        return self._world.arm.last_link() @ np.linalg.inv(self._T_grasp_joint)
+        return self._world.arm.last_link() @ self._T_joint_grasp
 
     def move(self, motion: Motion) -> float:
         """Moves without anything in the hand; returns how long it took [s]."""
@@ -323,7 +329,7 @@ class _Watch:
         if self._phase in ("lift", "carry"):
             self._look_at_carried(pairs, of_arm)
 
-    def _look_at_carried(self, pairs: Int[np.ndarray, "c 2"], of_arm: "np.ndarray") -> None:
+    def _look_at_carried(self, pairs: Int[np.ndarray, "c 2"], of_arm: Bool[np.ndarray, "c 2"]) -> None:
         """Notes what the carried object meets, other than the hand and, at first, what it stood at."""
         own = self._is_target[pairs]
         rows = np.flatnonzero((own[:, 0] != own[:, 1]) & ~of_arm.any(axis=1))

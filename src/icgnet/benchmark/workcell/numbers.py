@@ -249,7 +249,7 @@ def run_workcell(
 ) -> WorkcellNumbers:
     """Plays all rounds that a folder lacks, and writes what came of them.
 
-    Writes config.json, rounds.jsonl (a line for each finished round) and report.json.
+    Writes config.json, rounds.jsonl (a line for each finished scene, with both rounds of a fetch) and report.json.
 
     Args:
         config: of the benchmark.
@@ -276,8 +276,7 @@ def run_workcell(
         missing = [number for number in range(config.rounds) if number not in done]
         with (out / ROUNDS_FILE).open("a") as file, closing(local_pool(job, workers)) as pool:
             for finished in pool.make(missing):
-                # Both strategies of a fetch in one go, so that a kill leaves both or none.
-                file.write("".join(json.dumps(asdict(each)) + "\n" for each in finished))
+                file.write(json.dumps([asdict(each) for each in finished]) + "\n")
                 file.flush()
                 rounds += finished
                 on_round(rounds)
@@ -300,10 +299,10 @@ def read_workcell_rounds(path: Path) -> list[WorkcellRound]:
         if not line.endswith("\n"):
             break
         try:
-            row = json.loads(line)
-            attempts = [PickAttempt(**each) for each in row["attempts"]]
-            empty = [Sight(**each) for each in row["empty"]]
-            found.append(WorkcellRound(**{**row, "attempts": attempts, "empty": empty}))
+            for row in json.loads(line):
+                attempts = [PickAttempt(**each) for each in row["attempts"]]
+                empty = [Sight(**each) for each in row["empty"]]
+                found.append(WorkcellRound(**{**row, "attempts": attempts, "empty": empty}))
         except (KeyError, ValueError, TypeError) as error:
             reason = f"has no {error.args[0]!r}" if isinstance(error, KeyError) else str(error)
             raise DataError(

@@ -39,8 +39,8 @@ VIEWS_DEG = ((30.0, 180.0), (45.0, 90.0), (45.0, -90.0), (15.0, 0.0), (0.0, 180.
 """Places to look from, in their order: angle from the vertical, and azimuth about the middle of the workspace (0: from
 beyond it, 180: from the arm's side) [degrees]."""
 VIEW_DISTANCE, PER_EDGE, VIEW_HEIGHT = 0.5, 1.2, 0.05
-"""Distance of the camera: at least the first [m], and the second times the longer edge of the support; from a point this
-far above its middle [m]."""
+"""Distance of the camera: at least the first [m], and the second times the longer edge of the support; from a point
+this far above its middle [m]."""
 ROLLS = 8
 """So many turns of the camera about its axis are tried; the picture is turned, no more."""
 HAND_EYE_SHIFT, HAND_EYE_TURN = 0.002, float(np.deg2rad(0.3))
