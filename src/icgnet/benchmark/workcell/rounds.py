@@ -28,6 +28,7 @@ from icgnet.grasping.gripper import Gripper
 from icgnet.inference.prediction import NO_INSTANCE, Prediction
 from icgnet.objects.kinds import WIDE_KINDS
 from icgnet.objects.object_set import ObjectSet
+from icgnet.objects.pool import ObjectPool
 from icgnet.sensors.wide import Picture
 from icgnet.simulation.config import WideScenes
 from icgnet.simulation.furniture import EDGE, FLOOR
@@ -210,8 +211,7 @@ def draw_pool(config: WorkcellConfig, objects: ObjectSet) -> ObjectSet:
     if not names:
         raise InputError(f"object set {objects.name!r} has no objects for {config.scene} in split {config.split!r}")
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(POOL,)))
-    kept = {names[i] for i in rng.permutation(len(names))[: config.pool]}
-    return objects.without({name: "not in the pool" for name in names if name not in kept})
+    return ObjectPool(objects, [names[i] for i in rng.permutation(len(names))[: config.pool]])
 
 
 def workcell_scene(job: WorkcellJob, number: int) -> Scene:
