@@ -125,7 +125,7 @@ def test_the_table_that_an_object_stood_on_is_not_hit_by_it():
 def test_a_neighbour_that_is_pushed_aside_is_touched_and_displaced():
     ball = ("ball", (0.18, 0.05, TABLE_HEIGHT + RADIUS))
     low = np.array([0.25, 0.05, TABLE_HEIGHT + 0.02])
-    sweep = motion("reach", HIGH, [0.25, 0.05, 0.35], low, low - [0.08, 0.0, 0.0], HIGH, seconds=2.0)
+    sweep = motion("reach", HIGH, [0.25, 0.05, 0.35], low, low - [0.08, 0.0, 0.0], HIGH, opening=0.01, seconds=2.0)
     result = cell_of(placed(STANDING, ball)).pick([sweep, *phases()], 0)
     assert 1 in result.touched
     assert 1 in (*result.displaced, *result.lost)

@@ -239,6 +239,7 @@ class _Game:
         self.scene = workcell_scene(job, number)
         self.station = Station(arm, job.gripper, self.scene.surroundings)
         self.view, self.pictures, self.moving = 0, 0, 0.0
+        self.in_box: set[int] = set()
         start = self.station.views[0]
         self.cell = RobotCell(self.scene, job.pool, job.gripper, self.station.model, BOX, start)
         config = job.config
@@ -279,7 +280,7 @@ class _Game:
             empty=empty,
             move_seconds=self.moving,
             target=None if target == NO_TARGET else self.names[target],
-            fetched=bool(attempts) and target != NO_TARGET and attempts[-1].success and attempts[-1].wanted,
+            fetched=target in self.in_box,
             blocked=None if first is None or not first.order else len(first.order) - 1,
             reasons=reasons,
             commit=self.job.commit,
@@ -365,6 +366,7 @@ class _Game:
         owner = true_object(prediction, plan.instance, look.image.ids)
         target = int(self.cell.remaining[owner]) if owner >= 0 else NO_TARGET
         carried = self.cell.pick([motion_of(phase, TIMESTEP) for phase in plan.phases], target)
+        self.in_box |= set(carried.removed)
         grasps = prediction.of_instance(plan.instance).grasps
         poses = self.station.T_base_world @ grasps.poses
         nearest = int(np.abs(poses[:, :3, 3] - plan.T_base_grasp[:3, 3]).sum(axis=1).argmin())
