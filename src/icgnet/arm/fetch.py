@@ -152,9 +152,12 @@ def ways_to_take(
     solver, found = make_solver(arm), {}
     for item in prediction.objects:
         target = next((body for body in bodies if body.name == object_name(item.instance_id)), None)
+        if target is None:  # with neither shape nor points
+            found[item.instance_id] = ()
+            continue
         ways: dict[frozenset[int], Way] = {}
         rows = np.flatnonzero(grasps.instances == item.instance_id)[:GRASPS]
-        for row in rows.tolist() if target is not None else ():
+        for row in rows.tolist():
             opening = min(float(grasps.openings[row]), prediction.gripper.max_opening)
             width = min(float(grasps.widths[row]), opening)
             for pose in (grasps.poses[row], grasps.poses[row] @ HALF_TURN):

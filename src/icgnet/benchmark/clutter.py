@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig
+from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig, WorkcellConfig
 from icgnet.benchmark.record import REPORT_FILE, read_json, settings, source_commit, write_report
 from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, planner_of
 from icgnet.benchmark.statistics import Spread, cell, success_rate
@@ -169,7 +169,7 @@ def run_clutter(
     return numbers
 
 
-def check_config(path: Path, config: ClutterConfig) -> None:
+def check_config(path: Path, config: ClutterConfig | WorkcellConfig) -> None:
     """Makes sure that the configuration of a folder is this one, and writes it if there is none.
 
     Raises:
