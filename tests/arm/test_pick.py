@@ -215,3 +215,13 @@ def test_what_always_stands_there_is_kept_clear_of_like_anything_else(fr3, seen)
     assert free.is_found
     assert not blocked.is_found
     assert "drop-off box" in next(iter(blocked.refused))
+
+
+def test_a_plan_without_measured_clearances_is_the_same_and_keeps_its_margin(fr3, seen, plain):
+    meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP, PickSettings(clearances=False))
+    for first, second in zip(plain.phases, plan.phases, strict=True):
+        np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+        assert second.clearance == second.margin
+        assert second.nearest is None
+    assert replay(plan, fr3).is_kept

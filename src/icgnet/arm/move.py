@@ -41,7 +41,7 @@ def plan_move(
         return None
     timing = Timing(arm)
     phases = (
-        tested_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin)
+        tested_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin, False)
         for deviation in DEVIATIONS
     )
     return next((phase for phase in phases if phase is not None), None)

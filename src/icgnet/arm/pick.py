@@ -477,7 +477,7 @@ class _Planner:
         checker = self._checker(load, left)
         for deviation in DEVIATIONS:
             trajectory = self.timing.along(way, deviation, speed)
-            phase = tested_phase(name, trajectory, load, checker, self.settings.margin)
+            phase = tested_phase(name, trajectory, load, checker, self.settings.margin, self.settings.clearances)
             if phase is not None:
                 return replace(phase, extra=tuple(left))
         raise _RefusedError(reason)
@@ -497,7 +497,7 @@ class _Planner:
             _RefusedError: it meets something.
         """
         trajectory = self.timing.along(line, LINE_DEVIATION, speed)
-        phase = tested_phase(name, trajectory, load, self._checker(load, left), 0.0)
+        phase = tested_phase(name, trajectory, load, self._checker(load, left), 0.0, self.settings.clearances)
         if phase is None:
             raise _RefusedError(reason)
         return replace(phase, extra=tuple(left))
@@ -511,16 +511,17 @@ class _Planner:
             _RefusedError: they meet something.
         """
         checker = self._checker(load, left)
-        phase = tested_phase(name, still(joints, (load.high - load.low) / FINGER_SPEED), load, checker, 0.0)
+        standing = still(joints, (load.high - load.low) / FINGER_SPEED)
+        phase = tested_phase(name, standing, load, checker, 0.0, self.settings.clearances)
         if phase is None:
             raise _RefusedError(_told(checker.meetings(joints)[0]))
         return replace(phase, opening=end, extra=tuple(left))
 
 
 def tested_phase(
-    name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float
+    name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float, clearances: bool = True
 ) -> Phase | None:
-    """The phase of a trajectory that meets nothing; None if it does.
+    """The phase of a trajectory that meets nothing; None if it does. Its clearance is the margin if it is not measured.
 
     Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
     met between them is met by less than that.
@@ -529,7 +530,9 @@ def tested_phase(
     samples = trajectory.samples(checker.reaches, travel)
     if checker.first_collision(samples, margin) is not None:
         return None
-    clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
+    clearance, nearest = margin, None
+    if clearances:
+        clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
     return Phase(name, trajectory, load.high, load, margin, clearance, nearest)
 
 

@@ -245,7 +245,7 @@ class _Game:
         config = job.config
         believed = misplaced(self.station.T_mount_camera, job.stream(number, HAND_EYE))
         self.T_mount_believed = believed if config.hand_eye_error else self.station.T_mount_camera
-        self.settings = PickSettings(obstacles=config.obstacles, check_carried=config.attached_check)
+        self.settings = PickSettings(obstacles=config.obstacles, check_carried=config.attached_check, clearances=False)
         self.fixtures = (self.station.box, *(self.station.walls if eyes.knows_walls else ()))
         self.target = self._draw_target() if strategy != "clear" else NO_TARGET
         self.names = [placed.name for placed in self.scene.objects]
