@@ -107,6 +107,13 @@ def test_an_object_that_is_let_go_of_on_the_way_is_lost_there():
     assert (result.cause, result.carried) == (PickCause.LOST_CARRYING, True)
 
 
+def test_an_object_that_the_hand_does_not_let_go_of_is_stuck_in_it():
+    steps = phases()
+    steps[5] = replace(steps[5], opening=0.05)  # narrower than the box: it opens hardly at all
+    result = cell_of(placed(STANDING)).pick(steps, 0)
+    assert (result.cause, result.carried, result.removed) == (PickCause.STUCK, True, ())
+
+
 def test_a_carried_object_that_meets_a_wall_has_hit_it():
     wall = block("wall", (0.3, 0.02, 0.22), make_transform(np.eye(3), np.array([0.15, 0.30, TABLE_HEIGHT + 0.11])))
     scene = replace(placed(STANDING), surroundings=Surroundings(structures=(wall,)))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody
 from icgnet.arm.paths import PathFinder
-from icgnet.arm.pick import DEVIATIONS, tested_phase
+from icgnet.arm.pick import DEVIATIONS, checked_phase
 from icgnet.arm.plan import Phase
 from icgnet.arm.scene import CollisionChecker, Load
 from icgnet.arm.settings import DEFAULT_PICK, PickSettings
@@ -41,7 +41,7 @@ def plan_move(
         return None
     timing = Timing(arm)
     phases = (
-        tested_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin, False)
+        checked_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin, False)
         for deviation in DEVIATIONS
     )
     return next((phase for phase in phases if phase is not None), None)

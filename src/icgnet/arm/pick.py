@@ -477,7 +477,7 @@ class _Planner:
         checker = self._checker(load, left)
         for deviation in DEVIATIONS:
             trajectory = self.timing.along(way, deviation, speed)
-            phase = tested_phase(name, trajectory, load, checker, self.settings.margin, self.settings.clearances)
+            phase = checked_phase(name, trajectory, load, checker, self.settings.margin, self.settings.clearances)
             if phase is not None:
                 return replace(phase, extra=tuple(left))
         raise _RefusedError(reason)
@@ -497,7 +497,7 @@ class _Planner:
             _RefusedError: it meets something.
         """
         trajectory = self.timing.along(line, LINE_DEVIATION, speed)
-        phase = tested_phase(name, trajectory, load, self._checker(load, left), 0.0, self.settings.clearances)
+        phase = checked_phase(name, trajectory, load, self._checker(load, left), 0.0, self.settings.clearances)
         if phase is None:
             raise _RefusedError(reason)
         return replace(phase, extra=tuple(left))
@@ -512,13 +512,13 @@ class _Planner:
         """
         checker = self._checker(load, left)
         standing = still(joints, (load.high - load.low) / FINGER_SPEED)
-        phase = tested_phase(name, standing, load, checker, 0.0, self.settings.clearances)
+        phase = checked_phase(name, standing, load, checker, 0.0, self.settings.clearances)
         if phase is None:
             raise _RefusedError(_told(checker.meetings(joints)[0]))
         return replace(phase, opening=end, extra=tuple(left))
 
 
-def tested_phase(
+def checked_phase(
     name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float, clearances: bool = True
 ) -> Phase | None:
     """The phase of a trajectory that meets nothing; None if it does. Its clearance is the margin if it is not measured.

@@ -52,6 +52,7 @@ class PickCause(Enum):
     SLIPPED_CLOSING = "slipped on closing"
     SLIPPED_LIFTING = "slipped on lifting"
     LOST_CARRYING = "lost on the way"
+    STUCK = "stuck in the hand"
     BESIDE_BOX = "fell beside the box"
     UNSTABLE = "simulation unstable"
 
@@ -61,6 +62,7 @@ PHASE_OF = {
     PickCause.SLIPPED_CLOSING: "close",
     PickCause.SLIPPED_LIFTING: "lift",
     PickCause.LOST_CARRYING: "carry",
+    PickCause.STUCK: "release",
     PickCause.BESIDE_BOX: "release",
 }
 """The phase in which a pick failed."""
@@ -369,6 +371,9 @@ class _Watch:
             self._phase = "carry" if self._carried else "after"
         elif phase in ("carry", "lower") and self._carried and self._holds():
             self.cause = PickCause.BESIDE_BOX
+        elif phase == "release" and self.cause is PickCause.BESIDE_BOX:
+            if self._target in self._world.objects_touched_by_hand():
+                self.cause = PickCause.STUCK
 
     @property
     def _not_closed(self) -> PickCause:
