@@ -371,9 +371,8 @@ class _Watch:
             self._phase = "carry" if self._carried else "after"
         elif phase in ("carry", "lower") and self._carried and self._holds():
             self.cause = PickCause.BESIDE_BOX
-        elif phase == "release" and self.cause is PickCause.BESIDE_BOX:
-            if self._target in self._world.objects_touched_by_hand():
-                self.cause = PickCause.STUCK
+        elif phase == "release" and self.cause is PickCause.BESIDE_BOX and self._is_touched():
+            self.cause = PickCause.STUCK
 
     @property
     def _not_closed(self) -> PickCause:
@@ -385,6 +384,9 @@ class _Watch:
         own = self._is_target[pairs]
         rows = (own[:, 0] != own[:, 1]) & ~self._cell._is_arm[pairs].any(axis=1)
         return set(self._cell._name_of_geom[np.where(own[rows, 0], pairs[rows, 1], pairs[rows, 0])].tolist())
+
+    def _is_touched(self) -> bool:
+        return self._target in self._world.objects_touched_by_hand()
 
     def _holds(self) -> bool:
         for _ in range(HELD_STEPS):
