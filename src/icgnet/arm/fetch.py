@@ -73,7 +73,8 @@ def plan_fetch(
 ) -> FetchPlan:
     """The order of the fewest picks that leads to an object, and the plan of the first pick.
 
-    Where the first pick has no plan though nothing is in its way (no path), the next best order is taken.
+    A target that can be picked is picked. Where the first pick of an order has no plan though nothing is in its way (no
+    path), the next best order is taken.
 
     Args:
         prediction: what was found. Its grasps should be all that are believed in, not only those that are free now:
@@ -91,7 +92,11 @@ def plan_fetch(
     """
     prediction.class_of(target)
     pose = check_pose(T_base_frame, "T_base_frame")
-    ways = dict(ways_to_take(prediction, arm, pose, settings, fixtures))
+    pick = plan_pick(prediction.of_instance(target), arm, pose, drop, settings, start, fixtures)
+    if pick.is_found:
+        return FetchPlan(target, (target,), {}, pick)
+    ways = ways_to_take(prediction, arm, pose, settings, fixtures)
+    ways[target] = tuple(way for way in ways[target] if way.blockers)
     while True:
         order = shortest_order({key: [way.blockers for way in each] for key, each in ways.items()}, target)
         first = order[0] if order else target

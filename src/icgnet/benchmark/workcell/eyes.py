@@ -183,12 +183,13 @@ class TrueEyes:
         )
 
     def _grasps(self, look: Look, with_blocked: bool) -> Grasps:
-        """Grasps that held in a trial; with those that are blocked, they are tried as if each object stood alone."""
+        """Grasps that held in a trial; with those that are blocked, also in one as if each object stood alone."""
         scene = look.scene
-        if not with_blocked:
-            return self._held(scene, look, None)
-        alone = [replace(scene, objects=(placed,)) for placed in scene.objects]
-        return Grasps.concatenate([self._held(each, look, index) for index, each in enumerate(alone)])
+        found = [self._held(scene, look, None)]
+        if with_blocked:
+            alone = [replace(scene, objects=(placed,)) for placed in scene.objects]
+            found += [self._held(each, look, index) for index, each in enumerate(alone)]
+        return Grasps.concatenate(found)
 
     def _held(self, scene: Scene, look: Look, index: int | None) -> Grasps:
         found = held_grasps(scene, look.object_set, self._gripper, look.rng, ENOUGH, TRIED)
