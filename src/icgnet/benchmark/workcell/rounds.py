@@ -19,8 +19,9 @@ from icgnet.arm.plan import PickPlan
 from icgnet.arm.replay import Replay, replay
 from icgnet.arm.settings import PickSettings
 from icgnet.benchmark.config import NOTHING_FOUND, WorkcellConfig
+from icgnet.benchmark.planners.oracle import held_grasps
 from icgnet.benchmark.target import occlusions
-from icgnet.benchmark.workcell.eyes import Eyes, Look, instance_under, open_eyes, take_look, true_object
+from icgnet.benchmark.workcell.eyes import TRIED, Eyes, Look, instance_under, open_eyes, take_look, true_object
 from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, misplaced, motion_of
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import invert_transform
@@ -287,12 +288,21 @@ class _Game:
         )
 
     def _draw_target(self) -> int:
-        """The object of which the others hide most, in the picture from the first place."""
-        scene = self.scene
-        look = self._look(self.job.stream(self.number, TARGET))
-        picture = Picture(look.image, CAMERA.intrinsics, look.T_world_camera)
-        hidden = occlusions(picture, scene, self.job.pool)
-        return 0 if np.isnan(hidden).all() else int(np.nanargmax(hidden))
+        """Of the objects that the hand can hold alone but not among the others, the one of which they hide most.
+
+        Hidden in the picture from the first place; of all objects, if there is none such. It does not depend on who
+        looks.
+        """
+        scene, pool, gripper, rng = self.scene, self.job.pool, self.job.gripper, self.job.stream(self.number, TARGET)
+        look = self._look(rng)
+        hidden = occlusions(Picture(look.image, CAMERA.intrinsics, look.T_world_camera), scene, pool)
+        order = np.argsort(-np.nan_to_num(hidden, nan=-1.0), kind="stable").tolist()
+        among_others = held_grasps(scene, pool, gripper, rng, 1, TRIED).objects
+        for index in order:
+            alone = replace(scene, objects=(scene.objects[index],))
+            if index not in among_others and len(held_grasps(alone, pool, gripper, rng, 1, TRIED).objects):
+                return index
+        return order[0]
 
     def _look(self, rng: np.random.Generator) -> Look:
         """A picture from where the arm is now."""
