@@ -143,7 +143,7 @@ def test_a_heavy_package_is_imported_only_at_home(package):
 def test_every_global_name_is_defined(module):
     # Linters cannot tell: the letters of jaxtyping's shapes look like names to them.
     name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
-    if "arm" in module.parts or module.stem == "pick_picture":
+    if {"arm", "workcell"} & set(module.parts) or module.stem == "pick_picture":
         pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
     if "camera_calibration" in module.parts:
         pytest.importorskip(

@@ -240,6 +240,16 @@ def knowing(predictor: Predictor, **changes) -> IcgNet:
     return network
 
 
+def test_whoever_asks_what_is_in_the_way_gets_the_best_of_each_object_unchecked(predictor, in_world, depth):
+    search = replace(QUICK, per_object=3)
+    asking = Predictor(predictor.network, load_gripper(), search, only_free=False)
+    result = asking.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
+    assert np.bincount(result.grasps.instances).max() == 3
+    assert set(in_world.grasps.instances) <= set(result.grasps.instances)
+    assert "object" not in result.rejected
+    assert asking.with_search(per_object=1).only_free is False
+
+
 def test_a_hand_that_published_weights_do_not_know_is_refused_in_one_line(predictor, tmp_path):
     wide = predictor.gripper.to_dict() | {"name": "wide", "max_opening": 0.1}
     (tmp_path / "wide.yaml").write_text(yaml.safe_dump(wide))

@@ -21,7 +21,7 @@ from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
 from icgnet.inference.background import without_background
 from icgnet.inference.budget import Budget, Clock
-from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
+from icgnet.inference.candidates import keep_free, keep_unchecked, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode, find_instances
 from icgnet.inference.occlusion import joined_behind_others
@@ -59,6 +59,8 @@ class Predictor:
         precision: in how many bits the U-Nets compute. The default gives the same results on every processor; auto
             takes bfloat16 where the processor or card has instructions for it.
         device: what the network computes on, such as "cpu" or "cuda".
+        only_free: whether grasps whose hand would touch something are dropped. Without, the first `per_object` of each
+            object are kept unchecked, for those who ask what is in the way.
 
     Raises:
         InputError: a hand that the network does not know, another precision, or a device that is not there.
@@ -72,7 +74,9 @@ class Predictor:
         seed: Any = 0,
         precision: str = "float32",
         device: str | torch.device = "cpu",
+        only_free: bool = True,
     ) -> None:
+        self.only_free = only_free
         self.network = network.eval().to(check_device(device))
         self.precision: Precision = check_choice("precision", precision, get_args(Precision))
         self.gripper = network.config.gripper if gripper is None else gripper
@@ -276,9 +280,12 @@ class Predictor:
             candidates, dropped = score_contacts(self.network, pieces, contacts, self.gripper, self.search)
             candidates = replace(candidates, instances=object_of[candidates.instances])
             clock.lap("grasps")
-            free, hit = keep_free(
-                candidates, occupancy, len(objects), tabletop, self.gripper, self.search, budget.is_spent
-            )
+            if self.only_free:
+                free, hit = keep_free(
+                    candidates, occupancy, len(objects), tabletop, self.gripper, self.search, budget.is_spent
+                )
+            else:
+                free, hit = keep_unchecked(candidates, len(objects), self.search.per_object), {}
             clock.lap("collision")
             rounds.append(free)
             rejected.update(dropped)
@@ -304,7 +311,8 @@ class Predictor:
     def with_search(self, **changes: Any) -> "Predictor":
         """The same predictor with other settings of the search, for example `min_score=0.5`."""
         search = replace(self.search, **changes)
-        return Predictor(self.network, self.gripper, search, self.seed, self.precision, self.network.device)
+        device, only_free = self.network.device, self.only_free
+        return Predictor(self.network, self.gripper, search, self.seed, self.precision, device, only_free)
 
 
 def _support_planes(support: Support) -> tuple[SupportPlane, ...]:

@@ -6,6 +6,7 @@ from importlib import reload
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 import needs_arm  # noqa: F401
 from icgnet.arm import libraries
@@ -136,3 +137,15 @@ def test_a_missing_package_is_one_line_that_says_what_to_do(monkeypatch):
         reload(libraries)
     monkeypatch.undo()
     reload(libraries)
+
+
+def test_joints_and_what_they_move_make_the_chain(fr3):
+    joints = fr3.home + 0.2
+    pose = np.eye(4)
+    for frame, motion, angle in zip(fr3.joint_frames, fr3.joint_motions, joints, strict=True):
+        assert np.abs(motion[:3]).max() == 0.0
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_rotvec(angle * motion[3:]).as_matrix()
+        pose = pose @ frame @ turn
+    np.testing.assert_allclose(pose @ fr3.T_joint_mount, fr3.mount_pose(joints), atol=1e-9)
+    assert fr3.efforts.tolist() == [87.0] * 4 + [12.0] * 3

@@ -7,6 +7,7 @@ import pytest
 
 import needs_arm  # noqa: F401
 from arm_scenes import DROP, T_BASE_FRAME, box
+from icgnet.arm.bodies import CollisionBody
 from icgnet.arm.pick import plan_pick
 from icgnet.arm.replay import replay
 from icgnet.arm.scene import CARRIED, CollisionChecker
@@ -234,3 +235,24 @@ def test_wrong_input_is_one_line(fr3, seen, changes, message):
 def test_wrong_settings_are_refused(values, message):
     with pytest.raises(InputError, match=message):
         PickSettings(**values)
+
+
+def test_what_always_stands_there_is_kept_clear_of_like_anything_else(fr3, seen):
+    around = box((0.3, 0.3, 0.3)).apply_translation(T_BASE_FRAME[:3, 3])
+    place = around.centroid + [0.0, 0.35, -0.1]
+    fixture = CollisionBody("drop-off box", around.copy().apply_translation([0.0, 0.35, 0.0]))
+    free = plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, place)
+    blocked = plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, place, fixtures=(fixture,))
+    assert free.is_found
+    assert not blocked.is_found
+    assert "drop-off box" in next(iter(blocked.refused))
+
+
+def test_a_plan_without_measured_clearances_is_the_same_and_keeps_its_margin(fr3, seen, plain):
+    meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP, PickSettings(clearances=False))
+    for first, second in zip(plain.phases, plan.phases, strict=True):
+        np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+        assert second.clearance == second.margin
+        assert second.nearest is None
+    assert replay(plan, fr3).is_kept

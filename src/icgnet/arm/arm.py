@@ -81,6 +81,26 @@ class Arm:
         """The mount's link in the frame of the joint that moves it."""
         return np.array(self.model.frames[self._mount].placement.homogeneous)
 
+    @cached_property
+    def joint_frames(self) -> Float[np.ndarray, "j 4 4"]:
+        """Where each joint sits in the frame of the joint before it, the first in that of the base, at position 0."""
+        return np.array([placement.homogeneous for placement in list(self.model.jointPlacements)[1:]])
+
+    @cached_property
+    def joint_motions(self) -> Float[np.ndarray, "j 6"]:
+        """How each joint moves what is behind it, in its own frame: a unit axis it slides along, or one it turns about.
+
+        The first three numbers are the axis of a sliding joint, the last three that of a turning one; the others are 0.
+        """
+        pin.computeJointJacobians(self.model, self.data, self.home)
+        columns = [pin.getJointJacobian(self.model, self.data, j + 1, pin.LOCAL)[:, j] for j in range(self.model.nv)]
+        return np.array(columns).round(9)
+
+    @property
+    def efforts(self) -> Float[np.ndarray, "j"]:
+        """Largest effort of each joint [N m], of the URDF."""
+        return np.array(self.model.upperEffortLimit)
+
     def check_joints(self, joints: object, name: str) -> Float[np.ndarray, "j"]:
         """Joint positions [rad] as an array, after making sure that they are within the limits.
 

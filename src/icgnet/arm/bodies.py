@@ -75,7 +75,8 @@ def bodies_of(
     Args:
         prediction: what was found in the scene.
         T_base_frame: pose of the prediction's frame in that of the base.
-        source: what stands for an object; one whose predicted shape is empty is made of its points in any case.
+        source: what stands for an object; one whose predicted shape is empty is made of its points in any case, and
+            one that has neither is left out.
     """
     objects = []
     for item in prediction.objects:
@@ -83,6 +84,8 @@ def bodies_of(
         from_points = len(mesh.faces) == 0
         if from_points:
             mesh = cubes_around(item.points, POINT_CELL)
+        if len(mesh.faces) == 0:
+            continue
         placed = mesh.copy().apply_transform(T_base_frame)
         objects.append(CollisionBody(object_name(item.instance_id), placed, item.instance_id, from_points))
     return (_support(prediction, T_base_frame), *objects, *_background(prediction, T_base_frame))

@@ -59,6 +59,7 @@ def plan_pick(
     drop: Any,
     settings: PickSettings = DEFAULT_PICK,
     start: Any = None,
+    fixtures: Sequence[CollisionBody] = (),
 ) -> PickPlan:
     """A plan for the first grasp of a prediction that can be carried out.
 
@@ -70,6 +71,7 @@ def plan_pick(
             or above it (`PickSettings.drop_above`), and its middle above this place.
         settings: how to plan.
         start: joint positions from which the arm starts and to which it returns [rad]; home if None.
+        fixtures: what always stands there whether it is seen or not, in the frame of the base: the drop-off box.
 
     Returns:
         The plan, with the reasons for which better grasps were refused; without phases if all were.
@@ -85,6 +87,7 @@ def plan_pick(
         position(drop, "drop"),
         settings,
         arm.home if start is None else arm.check_joints(start, "start"),
+        tuple(fixtures),
     )
     return planner.plan()
 
@@ -116,6 +119,7 @@ class _Planner:
         drop: Float[np.ndarray, "3"],
         settings: PickSettings,
         start: Float[np.ndarray, "j"],
+        fixtures: tuple[CollisionBody, ...],
     ) -> None:
         self.clock = Clock()
         self.arm, self.gripper, self.settings = arm, prediction.gripper, settings
@@ -128,7 +132,7 @@ class _Planner:
             raise InputError(
                 f"drop is {away:.2f} m from the first joint of the arm, which reaches {reach:.2f} m at most"
             )
-        self.bodies = bodies_of(prediction, T_base_frame, settings.obstacles)
+        self.bodies = (*bodies_of(prediction, T_base_frame, settings.obstacles), *fixtures)
         self.solver: Solver = make_solver(arm)
         self.timing = Timing(arm)
         self.rng = np.random.default_rng(settings.seed)
@@ -236,7 +240,7 @@ class _Planner:
         solutions = self.solver.solutions(T_base_mount)
         if not len(solutions):
             reasons.append(NO_IK)
-        for joints in _apart(solutions)[:MOST_REACHES]:
+        for joints in apart(solutions)[:MOST_REACHES]:
             if checker.collides(joints):
                 reasons.append(_told(checker.meetings(joints)[0]))
             else:
@@ -394,7 +398,7 @@ class _Planner:
             raise _RefusedError(NO_DROP)
         order = np.argsort(np.abs(joints - lifted).max(axis=1), kind="stable")
         lines, reasons = [], []
-        for each in _apart(joints[order])[:MOST_DROPS]:
+        for each in apart(joints[order])[:MOST_DROPS]:
             line = each[None]
             if checker.collides(each, self.settings.margin):
                 reasons.append(_told(checker.meetings(each, self.settings.margin)[0]))
@@ -471,7 +475,8 @@ class _Planner:
         if straight:
             deviations, speed, margin = (LINE_DEVIATION,), settings.line_speed, 0.0
         for deviation in deviations:
-            phase = _tested(name, self.timing.along(way, deviation, speed), load, checker, margin)
+            trajectory = self.timing.along(way, deviation, speed)
+            phase = checked_phase(name, trajectory, load, checker, margin, settings.clearances)
             if phase is not None:
                 return replace(phase, extra=tuple(left))
         raise _RefusedError(reason)
@@ -485,7 +490,8 @@ class _Planner:
             _RefusedError: they meet something.
         """
         checker = self._checker(load, left)
-        phase = _tested(name, still(joints, (load.high - load.low) / FINGER_SPEED), load, checker, 0.0)
+        standing = still(joints, (load.high - load.low) / FINGER_SPEED)
+        phase = checked_phase(name, standing, load, checker, 0.0, self.settings.clearances)
         if phase is None:
             raise _RefusedError(_told(checker.meetings(joints)[0]))
         return replace(phase, opening=end, extra=tuple(left))
@@ -513,8 +519,10 @@ def _let_go_at(
     return transform_points(T_base_table, on_table[None])[0]
 
 
-def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float) -> Phase | None:
-    """The phase of a trajectory that meets nothing; None if it does.
+def checked_phase(
+    name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float, clearances: bool = True
+) -> Phase | None:
+    """The phase of a trajectory that meets nothing; None if it does. Its clearance is the margin if it is not measured.
 
     Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
     met between them is met by less than that.
@@ -523,7 +531,9 @@ def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChe
     samples = trajectory.samples(checker.reaches, travel)
     if checker.first_collision(samples, margin) is not None:
         return None
-    clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
+    clearance, nearest = margin, None
+    if clearances:
+        clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
     return Phase(name, trajectory, load.high, load, margin, clearance, nearest)
 
 
@@ -544,7 +554,7 @@ def _farthest(reasons: list[str]) -> str:
     return next((reason for reason in reversed(reasons) if reason != NO_IK), NO_IK)
 
 
-def _apart(joints: Float[np.ndarray, "n j"], least: float = 0.3) -> Float[np.ndarray, "m j"]:
+def apart(joints: Float[np.ndarray, "n j"], least: float = 0.3) -> Float[np.ndarray, "m j"]:
     """Joint positions in their order without those that are near to one before [rad]."""
     kept: list[Float[np.ndarray, "j"]] = []
     for each in joints:

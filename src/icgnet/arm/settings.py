@@ -38,6 +38,8 @@ class PickSettings:
     """The same on straight lines."""
     most_grasps: int = 100
     """So many grasps are tried at most."""
+    clearances: bool = True
+    """Measure how near anything comes to anything, which decides nothing and takes most of the time."""
     seed: int = 0
     """Of everything that is drawn."""
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig
+from icgnet.benchmark.config import NOTHING_FOUND, ClutterConfig, WorkcellConfig
 from icgnet.benchmark.record import REPORT_FILE, read_json, settings, source_commit, write_report
 from icgnet.benchmark.rounds import Attempt, ClutterJob, Round, Shot, planner_of
 from icgnet.benchmark.statistics import Spread, cell, success_rate
@@ -151,7 +151,7 @@ def run_clutter(
     planner_of(config, anew=True)
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
-        _check_config(out / CONFIG_FILE, config)
+        check_config(out / CONFIG_FILE, config)
         cut_unfinished_line(out / ROUNDS_FILE)
         rounds = read_rounds(out / ROUNDS_FILE)
         on_round(rounds)
@@ -169,7 +169,7 @@ def run_clutter(
     return numbers
 
 
-def _check_config(path: Path, config: ClutterConfig) -> None:
+def check_config(path: Path, config: ClutterConfig | WorkcellConfig) -> None:
     """Makes sure that the configuration of a folder is this one, and writes it if there is none.
 
     Raises:

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from icgnet.arm.settings import Source
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import BEST_FEW, GraspSearch
 from icgnet.objects.kinds import WIDE_KINDS, Kind, Split
@@ -204,3 +205,67 @@ class CapturesConfig:
         """What stands above the numbers."""
         poses = "poses where they are known" if self.pose else "without poses"
         return f"{self.folder}, {self.weights or 'the weights of the package'}, {self.threads} threads, {poses}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkcellConfig:
+    """Let a simulated arm with a camera on its wrist clear a table into a box, or fetch one object, and count."""
+
+    objects: str = "procedural"
+    """'procedural', or a folder of URDFs (VGN layout) or meshes."""
+    scene: Kind = "packed"
+    """Kind of scenes."""
+    split: Split = "test"
+    """Which objects: val for choosing, test for reporting."""
+    rounds: int = 100
+    """Scenes that are played."""
+    seed: int = 1
+    """Of every random draw."""
+    gripper: str = "franka"
+    """Name of a hand that ships with the package, or a gripper file; the network must know it."""
+    arm: str = "fr3"
+    """Name of an arm that ships with the package, or an arm file."""
+    planner: Literal["icgnet", "oracle"] = OUR_NETWORK
+    """Who finds objects and grasps: the network, or one who knows the true shapes and tries grasps in simulation."""
+    weights: Path | None = None
+    """Weights file for icgnet; the one that ships with the package if not given."""
+    threads: int = 1
+    """CPU threads of icgnet's network in each process."""
+    noise: Literal["none", "stereo"] = "stereo"
+    """What the camera does: nothing, or what a RealSense D415 does."""
+    hand_eye_error: bool = True
+    """Whether the camera is 2 mm and 0.3 degrees from where it is believed to be; in which direction is drawn."""
+    obstacles: Source = "shapes"
+    """What objects are for the arm: their shapes, or no more than their measured points."""
+    attached_check: bool = True
+    """Whether the shape of the carried object must meet nothing."""
+    pool: int = 17
+    """So many objects of the set are drawn once, and all scenes are made of them."""
+    fetch: bool = False
+    """Fetch one object that others hide, each scene twice: taking away what blocks it, and taking the highest first."""
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        check_range(self, 0.0, "seed")
+        check_range(self, 1.0, "rounds", "threads", "pool")
+        usual = {"weights": None, "threads": 1}
+        given = [name for name, value in usual.items() if getattr(self, name) != value]
+        if given and self.planner != OUR_NETWORK:
+            raise InputError(f"only the planner {OUR_NETWORK} takes {', '.join(given)}, not {self.planner!r}")
+
+    def describe(self) -> str:
+        """What stands above the numbers."""
+        check = "with" if self.attached_check else "without"
+        return (
+            f"{self.planner} on {self.arm}: {self.scene} scenes of {self.pool} {self.split} objects from "
+            f"{self.objects}, noise {self.noise}, hand-eye error {'on' if self.hand_eye_error else 'off'}, "
+            f"obstacles {self.obstacles}, {check} the carried shape checked, hand {self.gripper}, seed {self.seed}"
+        )
+
+    def decisive(self) -> dict[str, Any]:
+        """What the rounds depend on; how many threads compute decides nothing."""
+        values = asdict(self)
+        del values["threads"]
+        if self.planner != OUR_NETWORK:
+            del values["weights"]
+        return values

@@ -18,6 +18,7 @@ KINDS = (
     "latency",
     "captures",
     "target",
+    "workcell",
     "simulation",
     "loader",
     "label-ceiling",

@@ -39,6 +39,7 @@ COMMANDS = {
     "evaluate": ("evaluate:Evaluate", "Print the metrics of weights on generated scenes."),
     "benchmark clutter": ("benchmark_clutter:Clutter", "Let a planner grasp scenes empty, and count."),
     "benchmark target": ("benchmark:Target", "Grasp one named object, hidden more or less by others."),
+    "benchmark workcell": ("benchmark_workcell:Workcell", "Let a simulated arm clear a table, or fetch one object."),
     "benchmark reconstruction": ("benchmark:Reconstruction", "Predicted shapes against true ones."),
     "benchmark segmentation": ("benchmark:Segmentation", "Predicted instances against true ones."),
     "benchmark latency": ("benchmark:Latency", "Time of each stage from a cloud or depth image to grasps."),

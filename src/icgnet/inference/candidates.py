@@ -246,6 +246,18 @@ def keep_free(
     return ranked(grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])), search.select), rejected
 
 
+def keep_unchecked(grasps: Grasps, objects: int, per_object: int) -> Grasps:
+    """The first so many candidates of each object, in their order, whatever their hand touches.
+
+    Args:
+        grasps: candidates in the order in which they would be tried.
+        objects: how many objects there are.
+        per_object: how many of each are kept.
+    """
+    rows = [np.flatnonzero(grasps.instances == number)[:per_object] for number in range(objects)]
+    return grasps.select(np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *rows])))
+
+
 def _openings(widths: Float[np.ndarray, "g"], gripper: Gripper, search: GraspSearch) -> Float[np.ndarray, "g"]:
     """Openings of the hand [m] on its way to objects of these widths [m]."""
     return np.full(len(widths), gripper.max_opening) if search.opening == "full" else gripper.opening(widths)

@@ -24,6 +24,13 @@ def add_hand(spec: mujoco.MjSpec, gripper: Gripper, physics: Physics) -> None:
     """
     hand = spec.worldbody.add_body(name="hand", pos=[0.0, 0.0, 2.0], gravcomp=1.0)
     hand.add_freejoint()
+    fill_hand(spec, hand, gripper, physics)
+    _add_target(spec, physics)
+    couple_fingers(spec, physics)
+
+
+def fill_hand(spec: mujoco.MjSpec, hand: "mujoco.MjsBody", gripper: Gripper, physics: Physics) -> None:
+    """Gives the body of a hand its palm and fingers with their motors, see `add_hand`."""
     for box in gripper.palm:
         _add_box(hand, box, PALM_MASS / len(gripper.palm), contact_settings(physics, physics.object_friction))
     friction = gripper.friction if physics.pad_friction is None else physics.pad_friction
@@ -50,7 +57,6 @@ def add_hand(spec: mujoco.MjSpec, gripper: Gripper, physics: Physics) -> None:
             ctrlrange=[-gripper.finger_force, gripper.finger_force],
             ctrllimited=True,
         )
-    _add_constraints(spec, physics)
 
 
 def closing_time(gripper: Gripper) -> float:
@@ -58,22 +64,33 @@ def closing_time(gripper: Gripper) -> float:
     return gripper.max_opening / 2 / CLOSING_SPEED
 
 
-def _add_constraints(spec: mujoco.MjSpec, physics: Physics) -> None:
+def _add_target(spec: mujoco.MjSpec, physics: Physics) -> None:
     spec.worldbody.add_body(name="hand_target", mocap=True, pos=[0.0, 0.0, 2.0])
-    stiff = [2.0 * physics.timestep, 1.0]
     weld = spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_WELD, name1="hand_target", name2="hand", objtype=mujoco.mjtObj.mjOBJ_BODY, solref=stiff
+        type=mujoco.mjtEq.mjEQ_WELD,
+        name1="hand_target",
+        name2="hand",
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        solref=_stiff(physics),
     )
     # Anchor at the origin, identity relative pose, equal weight of rotation and translation.
     weld.data[:11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+
+
+def couple_fingers(spec: mujoco.MjSpec, physics: Physics) -> None:
+    """Lets both fingers of a hand move alike; the last thing to be added to it."""
     gear = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         name1="slide_left",
         name2="slide_right",
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        solref=stiff,
+        solref=_stiff(physics),
     )
     gear.data[:5] = [0, 1, 0, 0, 0]
+
+
+def _stiff(physics: Physics) -> list[float]:
+    return [2.0 * physics.timestep, 1.0]
 
 
 def add_swept_hand(spec: mujoco.MjSpec, gripper: Gripper, name: str, approach: float) -> None:

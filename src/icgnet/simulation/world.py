@@ -14,11 +14,14 @@ from jaxtyping import Bool, Float, Int
 from icgnet.geometry.transforms import make_transform, matrix_to_quaternion
 from icgnet.grasping.gripper import Gripper
 from icgnet.objects.base import UnusableObjectError
+from icgnet.simulation.arm import ArmControl, ArmModel, add_arm
 from icgnet.simulation.config import Physics
 from icgnet.simulation.hand import SIDES, add_hand
 from icgnet.simulation.physics import Body, add_drop_box, add_objects, new_spec
 from icgnet.simulation.surroundings import ENDLESS, Surroundings
 
+FINGER_STIFFNESS = 5000.0
+"""Of fingers that are driven to an opening [N/m]."""
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 # The engine would write a log file into the user's folder; `World.is_unstable` tells the same.
 mujoco.set_mju_user_warning(lambda _: None)
@@ -48,6 +51,7 @@ class World:
         drop_box: bool = False,
         asleep: bool = False,
         surroundings: Surroundings = ENDLESS,
+        arm: ArmModel | None = None,
     ) -> None:
         """Compiles the model.
 
@@ -57,6 +61,7 @@ class World:
             gripper: the hand to add, if any; it waits high above the table.
             drop_box: surround the workspace with the walls of the drop box.
             surroundings: the table or bin and what stands around it.
+            arm: what carries the hand; without, it floats freely.
             asleep: let the objects begin asleep: they stay exactly where they are, at no cost, until touched.
 
         Raises:
@@ -67,7 +72,9 @@ class World:
         add_objects(spec, bodies, physics, movable=True)
         if drop_box:
             add_drop_box(spec, physics)
-        if gripper is not None:
+        if gripper is not None and arm is not None:
+            add_arm(spec, arm, gripper, physics)
+        elif gripper is not None:
             add_hand(spec, gripper, physics)
         if asleep:
             spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
@@ -81,9 +88,10 @@ class World:
         self._qpos = self.model.jnt_qposadr[self.model.body_jntadr[self._object_bodies]]
         self._dofs = self.model.body_dofadr[self._object_bodies]
         self._geoms = [np.flatnonzero(self.model.geom_bodyid == body) for body in self._object_bodies]
-        self._object_of_geom = np.full(self.model.ngeom, -1)
+        self.object_of_geom = np.full(self.model.ngeom, -1)
+        """Number of the object that each geom is a part of, -1 for none."""
         for index, geoms in enumerate(self._geoms):
-            self._object_of_geom[geoms] = index
+            self.object_of_geom[geoms] = index
         fixed = ["table", *(f"structure_{i}" for i in range(len(surroundings.structures)))]
         self._fixed = np.array([self.model.geom(name).id for name in fixed], int)
         self._walls = (
@@ -91,6 +99,7 @@ class World:
         )
         self.has_drop_box = drop_box
         self._hand = HandControl(self.model, self.data, gripper) if gripper is not None else None
+        self._arm = ArmControl(self.model, self.data, arm) if gripper is not None and arm is not None else None
         for index in range(len(bodies)):
             self._set_present(index, True)
         mujoco.mj_forward(self.model, self.data)
@@ -100,6 +109,12 @@ class World:
         """The hand, in a world that was made with a gripper."""
         assert self._hand is not None, "this world has no gripper"
         return self._hand
+
+    @property
+    def arm(self) -> ArmControl:
+        """The arm, in a world that was made with one."""
+        assert self._arm is not None, "this world has no arm"
+        return self._arm
 
     def step(self, count: int = 1) -> None:
         """Advances time by `count` steps."""
@@ -185,19 +200,19 @@ class World:
         Of two objects the one with the higher index is named.
         """
         deep = self.data.contact.geom[self.data.contact.dist < -depth]
-        objects = self._object_of_geom[deep].max(axis=1, initial=-1)
+        objects = self.object_of_geom[deep].max(axis=1, initial=-1)
         return np.unique(objects[objects >= 0])
 
     def is_held(self, index: int) -> bool:
         """Whether both fingers are in contact with an object."""
         pairs = self.data.contact.geom
-        touching = pairs[(self._object_of_geom[pairs] == index).any(axis=1)]
+        touching = pairs[(self.object_of_geom[pairs] == index).any(axis=1)]
         return bool((self.hand.finger_of_geom[touching].max(axis=1, initial=-1)[:, None] == [0, 1]).any(axis=0).all())
 
     def objects_touched_by_hand(self) -> Int[np.ndarray, "k"]:
         """The objects that any part of the hand was in contact with in the last step, in the order of the contacts."""
         pairs = self.data.contact.geom
-        touched = self._object_of_geom[pairs[self.hand.is_hand[pairs].any(axis=1)]].max(axis=1, initial=-1)
+        touched = self.object_of_geom[pairs[self.hand.is_hand[pairs].any(axis=1)]].max(axis=1, initial=-1)
         objects, first = np.unique(touched[touched >= 0], return_index=True)
         return objects[np.argsort(first)]
 
@@ -226,19 +241,25 @@ class World:
 
 
 class HandControl:
-    """Addresses and commands of the hand in a world; see `icgnet.simulation.hand.add_hand`."""
+    """Addresses and commands of the hand in a world; see `icgnet.simulation.hand.add_hand`.
+
+    A hand on an arm goes where the arm goes: only the fingers are commanded here.
+    """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, gripper: Gripper) -> None:
         self._data = data
         hand = self._body = model.body("hand").id
-        self._qpos = model.jnt_qposadr[model.body_jntadr[hand]]
-        self._dof = model.body_dofadr[hand]
+        floats = model.body_jntnum[hand] > 0
+        self._qpos = model.jnt_qposadr[model.body_jntadr[hand]] if floats else -1
+        self._dof = model.body_dofadr[hand] if floats else -1
         self._slides = np.array([model.joint(f"slide_{side}").qposadr[0] for side, _ in SIDES])
         self._slide_dofs = np.array([model.joint(f"slide_{side}").dofadr[0] for side, _ in SIDES])
-        self.is_hand = model.body_rootid[model.geom_bodyid] == hand
+        self._motors = np.array([model.actuator(f"motor_{side}").id for side, _ in SIDES])
+        fingers = [model.body(f"finger_{side}").id for side, _ in SIDES]
+        self.is_hand = np.isin(model.geom_bodyid, [hand, *fingers])
         self.finger_of_geom = np.full(model.ngeom, -1)
-        for number, (side, _) in enumerate(SIDES):
-            self.finger_of_geom[model.geom_bodyid == model.body(f"finger_{side}").id] = number
+        for number, finger in enumerate(fingers):
+            self.finger_of_geom[model.geom_bodyid == finger] = number
 
     def place(self, T_world_grasp: Float[np.ndarray, "4 4"], opening: float) -> None:
         """Puts the hand at a grasp pose [m] with this opening [m], at rest."""
@@ -250,7 +271,16 @@ class HandControl:
 
     def squeeze(self, force: float) -> None:
         """Lets each finger push inwards with this force [N]; negative opens."""
-        self._data.ctrl[:] = -force
+        self._data.ctrl[self._motors] = -force
+
+    def set_opening(self, opening: float) -> None:
+        """Puts the fingers of a hand on an arm at this opening [m], at rest."""
+        self._data.qpos[self._slides] = opening / 2
+        self._data.qvel[self._slide_dofs] = 0.0
+
+    def drive(self, opening: float) -> None:
+        """Lets the fingers push towards this opening [m] for the next step; their motors know no more force."""
+        self._data.ctrl[self._motors] = FINGER_STIFFNESS * (opening / 2 - self._data.qpos[self._slides])
 
     def move_to(self, position: Float[np.ndarray, "3"]) -> None:
         """Moves the hand's target to a position [m], keeping its orientation."""

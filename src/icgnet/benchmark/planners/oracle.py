@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from icgnet.benchmark.observation import Observation
@@ -125,6 +125,64 @@ def can_hold(scene: Scene, index: int, object_set: ObjectSet, gripper: Gripper, 
     return any(trials.run(pose, float(free.openings[i]), 0).success for i, pose in enumerate(free.poses))
 
 
+@dataclass(frozen=True, eq=False)
+class HeldGrasps:
+    """Grasps that held their object in a simulated trial.
+
+    Attributes:
+        poses: T_world_grasp [m].
+        widths: of the object between the pads [m].
+        openings: of the hand on its way [m].
+        objects: index of the object of each.
+        disturbs: whether the trial moved another object.
+    """
+
+    poses: Float[np.ndarray, "g 4 4"]
+    widths: Float[np.ndarray, "g"]
+    openings: Float[np.ndarray, "g"]
+    objects: Int[np.ndarray, "g"]
+    disturbs: Bool[np.ndarray, "g"]
+
+
+def held_grasps(
+    scene: Scene, object_set: ObjectSet, gripper: Gripper, rng: np.random.Generator, most: int, tries: int
+) -> HeldGrasps:
+    """Grasps on every object of a scene with a free way in that hold it in a trial, the most robust ones tried first.
+
+    Args:
+        scene: what stands there.
+        object_set: of the scene.
+        gripper: the hand.
+        rng: source of the draws.
+        most: grasps of one object after which there are enough.
+        tries: trials of one object at most.
+    """
+    bodies = scene_bodies(scene, object_set)
+    trials = Trials(bodies, gripper, default_physics(scene.kind), scene.surroundings)
+    rows: list[tuple[Float[np.ndarray, "4 4"], float, float, int, bool]] = []
+    for index in range(len(bodies)):
+        free = _free_grasps(bodies, scene.surroundings, gripper, gripper.opening, rng, index)
+        order = np.argsort(-(_robustness(free, gripper, gripper.opening, rng) + free.preference), kind="stable")
+        found = 0
+        for grasp in order[:tries].tolist():
+            opening = float(free.openings[grasp])
+            outcome = trials.run(free.poses[grasp], opening, index)
+            if outcome.success:
+                width = float(free.lines.widths[free.numbers[grasp] // ANGLES])
+                rows.append((free.poses[grasp], width, opening, index, outcome.disturbed))
+                found += not outcome.disturbed
+            if found == most:
+                break
+    poses, widths, openings, objects, disturbs = zip(*rows, strict=True) if rows else ((), (), (), (), ())
+    return HeldGrasps(
+        np.array(poses, float).reshape(-1, 4, 4),
+        np.array(widths, float),
+        np.array(openings, float),
+        np.array(objects, np.int64),
+        np.array(disturbs, bool),
+    )
+
+
 def _free_grasps(
     bodies: list[Body],
     surroundings: Surroundings,
@@ -151,7 +209,7 @@ def _lines(bodies: list[Body], gripper: Gripper, rng: np.random.Generator, targe
     """
     graspable = list(range(len(bodies))) if target is None else [target]
     contact_count, bodies = CONTACTS * len(bodies), [bodies[index] for index in graspable]
-    meshes = [_touchable(body) for body in bodies]
+    meshes = [touchable(body) for body in bodies]
     contacts = sample_contacts(meshes, contact_count, rng)
     fits = (contacts.widths > THINNEST) & (contacts.widths < gripper.max_opening - SPARE)
     contact, number = np.nonzero(fits)
@@ -219,7 +277,7 @@ def _tried_first(
     return np.concatenate([first, order[~np.isin(order, first)]])
 
 
-def _touchable(body: Body) -> trimesh.Trimesh:
+def touchable(body: Body) -> trimesh.Trimesh:
     """What the physics touches of a body, in the world [m]; the visual mesh may be hollow where this is not."""
     corners = np.concatenate([part.triangles for part in body.model.parts]).reshape(-1, 3)
     corners = transform_points(body.T_world_object, corners * body.factors)
