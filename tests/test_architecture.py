@@ -48,6 +48,7 @@ MAY_IMPORT = {
     "arm": {"foundation", "geometry", "grasping", "inference"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
     "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
+    "ros2": {"foundation", "geometry", "grasping", "inference", "predictor"},
     "client": {"foundation"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
@@ -78,6 +79,7 @@ AT_HOME = {
     "uvicorn": {"service"},
     "prometheus_client": {"service"},
     "httpx": {"client"},
+    "cyclonedds": {"ros2"},
 }
 """Packages that only these layers know."""
 
@@ -143,6 +145,8 @@ def test_every_global_name_is_defined(module):
     name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
     if "arm" in module.parts or module.stem == "pick_picture":
         pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
+    if "ros2" in module.parts:
+        pytest.importorskip("icgnet.ros2.dds", reason="needs icgnet[ros2]", exc_type=MissingExtraError)
     known = {*vars(importlib.import_module(name)), *vars(builtins)}
     codes = [compile((PACKAGE / module).read_text(), str(module), "exec")]
     for code in codes:
