@@ -56,7 +56,7 @@ def test_fields_have_the_names_of_jazzy_in_their_order(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_bytes_are_those_of_the_other_library(name, data):
     content = data.draw(values(name))
