@@ -6,6 +6,7 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import ClassVar
 
 import httpx
 import numpy as np
@@ -28,7 +29,7 @@ class Message(SimpleNamespace):
 class FakeNode:
     """What the node asks of rclpy.node.Node, and what it did."""
 
-    parameters: dict = {}
+    parameters: ClassVar[dict] = {}
 
     def __init__(self, name):
         self.name, self.subscriptions, self.published, self.warnings = name, {}, {}, []

@@ -97,7 +97,7 @@ def test_an_image_is_read_whatever_stands_before_its_pixels(frame_id, encoding):
 
 def test_an_image_of_the_other_byte_order_is_read():
     head = b"\x00\x00\x00\x00" + struct.pack(">iII4sII", 5, 6, 4, b"cam\0", 1, 2)
-    content = head + struct.pack(">I6sxxBxxxII4B", 6, b"16UC1\0", 1, 4, 4, 1, 2, 3, 4)
+    content = head + struct.pack(">I6sBxII4B", 6, b"16UC1\0", 1, 4, 4, 1, 2, 3, 4)
     read = Image.deserialize(content)
     assert (read.header.stamp.sec, read.header.frame_id, read.height, read.width) == (5, "cam", 1, 2)
     assert (read.encoding, read.is_bigendian, read.step, read.data.tolist()) == ("16UC1", 1, 4, [1, 2, 3, 4])
