@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-# Fields of packages that are not among those of `rosbags`, as in moveit_msgs 2.6, vision_msgs 4.1,
-# object_recognition_msgs 2.0 and tf2_msgs 0.36.
+# Fields of packages that are not among those of `rosbags`, as in moveit_msgs 2.6, vision_msgs 4.1 and
+# object_recognition_msgs 2.0.
 OTHERS = {
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
         "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
@@ -47,8 +46,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 KNOWN = frozenset(STORE.fielddefs)
 """Names of the messages whose definition comes with `rosbags`."""
 for name, text in OTHERS.items():
-    if name not in KNOWN:
-        STORE.register(get_types_from_msg(text, name))
+    STORE.register(get_types_from_msg(text, name))
 
 
 def fields(name: str) -> list[tuple[str, Any]]:
@@ -80,8 +78,8 @@ def _number_or_text(name: str) -> st.SearchStrategy[Any]:
         return st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
     if name.startswith("float"):
         return st.floats(width=int(name[5:]), allow_nan=False)
-    if name in ("byte", "octet"):
-        return st.integers(0, 255)
+    if name == "byte":  # which the other library takes for a signed one
+        return st.integers(0, 127)
     limits = np.iinfo(name)
     return st.integers(int(limits.min), int(limits.max))
 
@@ -99,8 +97,7 @@ def _theirs(kind: Any, value: Any) -> Any:
         return theirs(about, value)
     element = about[0]
     if element[0] == Nodetype.BASE and element[1][0] != "string":
-        number = {"byte": "uint8", "octet": "uint8"}.get(element[1][0], element[1][0])
-        return np.array(value, dtype=number)
+        return np.array(value, dtype=element[1][0])
     return [_theirs(element, each) for each in value]
 
 
