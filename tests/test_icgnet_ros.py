@@ -77,6 +77,7 @@ def node_module(monkeypatch):
     modules = {
         "rclpy": fake("rclpy"),
         "rclpy.node": fake("rclpy.node", Node=FakeNode),
+        "rclpy.executors": fake("rclpy.executors", ExternalShutdownException=type("Shutdown", (Exception,), {})),
         "rclpy.duration": fake("rclpy.duration", Duration=lambda seconds: seconds),
         "rclpy.qos": fake("rclpy.qos", qos_profile_sensor_data=SimpleNamespace(depth=5)),
         "tf2_ros": fake("tf2_ros", Buffer=FakeBuffer, TransformListener=lambda *_, **__: None),
@@ -196,6 +197,22 @@ def test_a_service_that_is_away_is_one_line(started, node_module, monkeypatch):
     node.on_info(info())
     node.on_image(image())
     assert node.warnings == ["no answer: cannot reach http://127.0.0.1:8000: refused"]
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, "shutdown"])
+def test_it_ends_quietly_when_it_is_told_to(started, node_module, monkeypatch, reason):
+    started()
+    ends = node_module.ExternalShutdownException if reason == "shutdown" else reason
+    done = []
+
+    def spin(node):
+        done.append(node)
+        raise ends
+
+    for name, what in {"init": lambda: None, "spin": spin, "try_shutdown": lambda: done.append("shut down")}.items():
+        monkeypatch.setattr(node_module.rclpy, name, what, raising=False)
+    node_module.main()
+    assert [type(done[0]), done[1]] == [node_module.Grasping, "shut down"]
 
 
 def test_images_are_read_as_sensors_send_them_and_only_the_newest(started):

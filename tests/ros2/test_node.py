@@ -167,7 +167,7 @@ def test_a_hand_is_franka_or_described():
     with pytest.raises(InputError, match="needs both hand_frame and joints"):
         hand_of(Ros2Config(joints=("knuckle",)), other)
     with pytest.raises(InputError, match="mount"):
-        hand_of(Ros2Config(mount=(0, 0, 0, 9, 0, 0, 0)), franka)
+        hand_of(Ros2Config(mount=(0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0)), franka)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
@@ -113,7 +114,7 @@ def main():
     node = Grasping()
     try:
         rclpy.spin(node)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
         node.client.close()
