@@ -107,7 +107,7 @@ class Frames:
         after = bisect_left(history, time, key=lambda known: known.time)
         near = history[max(0, after - 1) : after + 1]
         if len(near) == 2:
-            return _between(*near, time)
+            return _between(near[0], near[1], time)
         (nearest,) = near
         off = (time - nearest.time) / NANOSECONDS
         if abs(off) > self.tolerance:

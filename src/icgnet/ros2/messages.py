@@ -5,6 +5,9 @@ message of ROS holds. The tests compare the bytes of every message with those of
 installed, of ROS itself.
 """
 
+# Lengths of arrays stand where type checkers want types.
+# pyright: reportGeneralTypeIssues=false
+
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -116,14 +116,14 @@ class Node:
         bus = self._bus = Bus(config.domain_id())
         self._images = Reader(bus, config.image, Image, sensor_data())
         self._infos = Reader(bus, config.info_topic, CameraInfo, sensor_data())
-        self._triggers = config.trigger and Reader(bus, config.trigger, Empty, reliable())
-        self._moving = config.world and Reader(bus, "/tf", TFMessage, reliable(100))
-        self._fixed = config.world and Reader(bus, "/tf_static", TFMessage, reliable(100, is_latched=True))
+        self._triggers = Reader(bus, config.trigger, Empty, reliable()) if config.trigger else None
+        self._moving = Reader(bus, "/tf", TFMessage, reliable(100)) if config.world else None
+        self._fixed = Reader(bus, "/tf_static", TFMessage, reliable(100, is_latched=True)) if config.world else None
         self._poses = Writer(bus, f"{config.prefix}/poses", PoseArray, reliable())
         self._markers = Writer(bus, f"{config.prefix}/markers", MarkerArray, reliable())
         self._detections = Writer(bus, f"{config.prefix}/detections", Detection3DArray, reliable())
         # One message each: readers that come a little late, or read slowly, must not lose the first ones.
-        self._grasps = self._hand and Writer(bus, f"{config.prefix}/grasps", Grasp, reliable(config.limit))
+        self._grasps = Writer(bus, f"{config.prefix}/grasps", Grasp, reliable(config.limit)) if self._hand else None
         self._objects = Writer(bus, config.collision_topic, CollisionObject, reliable(200))
 
     def run(self, stop: threading.Event) -> None:
