@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,12 +151,22 @@ def test_objects_that_are_gone_are_taken_out_of_the_scene(domain, lines):
         for each in reader.take(print):
             operations.setdefault(each.id, []).append(each.operation)
     assert sorted(operations) == [f"icgnet_{item.instance_id}" for item in found.objects]
-    lines.node._publish(type(found)(**vars(found) | {"objects": (), "grasps": found.grasps.empty()}), header)
+    lines.node._publish(replace(found, objects=(), grasps=found.grasps.empty()), header)
     while any(known[-1] != 1 for known in operations.values()) and time.monotonic() < end:
         for each in reader.take(print):
             operations[each.id].append(each.operation)
         time.sleep(0.05)
     assert all(known[-1] == 1 and set(known[:-1]) == {0} for known in operations.values())
+
+
+def test_shapes_that_nobody_wants_are_not_made(domain, lines):
+    def extract():
+        raise AssertionError("made for nobody")
+
+    found = known_prediction()
+    objects = tuple(replace(item, extract=extract) for item in found.objects)
+    lines.node._publish(replace(found, objects=objects), Header(Time(3, 4), "optical"))
+    assert len(lines.said) == 1
 
 
 def test_a_hand_is_franka_or_described():

@@ -72,6 +72,11 @@ class Writer(Generic[Message]):
         self.topic = topic
         self._writer = DataWriter(bus.participant, bus.topic(topic, kind), qos=qos)
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether anybody reads the topic."""
+        return bool(self._writer.get_matched_subscriptions())
+
     def write(self, message: Message) -> None:
         """Sends a message.
 

@@ -184,21 +184,25 @@ class Node:
 
     def _publish(self, prediction: Prediction, header: Header) -> None:
         best = replace(prediction, grasps=prediction.grasps.select(slice(0, self._config.limit)))
-        # Grasps first: meshes take their time.
-        self._poses.write(pose_array(best, header))
-        if self._grasps and self._hand:
+        # Grasps first: meshes take their time, and are made for those only who listen.
+        if self._poses.is_heard:
+            self._poses.write(pose_array(best, header))
+        if self._grasps and self._hand and self._grasps.is_heard:
             hand = self._hand
             for grasp in moveit_grasps(
                 best, self._predictor.gripper, header, hand.frame, hand.joints, hand.T_base_parent
             ):
                 self._grasps.write(grasp)
-        self._detections.write(detections(best, header))
-        objects = collision_objects(best, header)
-        names = {each.id for each in objects}
-        for each in [*(removal(name, header) for name in sorted(self._in_scene - names)), *objects]:
-            self._objects.write(each)
-        self._in_scene = names
-        self._markers.write(markers(best, header))
+        if self._detections.is_heard:
+            self._detections.write(detections(best, header))
+        if self._objects.is_heard:
+            objects = collision_objects(best, header)
+            names = {each.id for each in objects}
+            for each in [*(removal(name, header) for name in sorted(self._in_scene - names)), *objects]:
+                self._objects.write(each)
+            self._in_scene = names
+        if self._markers.is_heard:
+            self._markers.write(markers(best, header))
         stamp = header.stamp
         spent = sum(prediction.timings_ms.values())
         self._say(
