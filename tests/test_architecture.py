@@ -49,6 +49,7 @@ MAY_IMPORT = {
     "camera_calibration": {"foundation", "geometry"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
     "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
+    "ros2": {"foundation", "geometry", "grasping", "inference", "predictor"},
     "client": {"foundation"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
@@ -80,6 +81,7 @@ AT_HOME = {
     "uvicorn": {"service"},
     "prometheus_client": {"service"},
     "httpx": {"client"},
+    "cyclonedds": {"ros2"},
 }
 """Packages that only these layers know."""
 
@@ -149,6 +151,8 @@ def test_every_global_name_is_defined(module):
         pytest.importorskip(
             "icgnet.camera_calibration.libraries", reason="needs icgnet[calibrate]", exc_type=MissingExtraError
         )
+    if "ros2" in module.parts:
+        pytest.importorskip("icgnet.ros2.dds", reason="needs icgnet[ros2]", exc_type=MissingExtraError)
     known = {*vars(importlib.import_module(name)), *vars(builtins)}
     codes = [compile((PACKAGE / module).read_text(), str(module), "exec")]
     for code in codes:

@@ -23,6 +23,7 @@ COMMANDS = {
     ),
     "view": ("view:View", "Look at a saved prediction in the browser."),
     "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
+    "ros2": ("ros2:Ros2", "Answer depth images of ROS 2 with grasps and objects, without ROS on this machine."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (
         "dataset:Inspect",
