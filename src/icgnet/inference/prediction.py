@@ -163,7 +163,7 @@ class Prediction:
             InputError: there is no such object.
         """
         self.class_of(instance_id)
-        return replace(self, grasps=selection.of_instances(self.grasps, [instance_id]))
+        return self._with_grasps(selection.of_instances(self.grasps, [instance_id]))
 
     def of_class(self, class_name: str) -> "Prediction":
         """The same prediction with the grasps of the objects of one class only.
@@ -173,7 +173,7 @@ class Prediction:
         """
         class_index(class_name, self.classes)
         instance_classes = {item.instance_id: item.class_name for item in self.objects}
-        return replace(self, grasps=selection.of_class(self.grasps, class_name, instance_classes))
+        return self._with_grasps(selection.of_class(self.grasps, class_name, instance_classes))
 
     def in_region(self, lower: Any, upper: Any) -> "Prediction":
         """The same prediction with the grasps in a box only, its corners [3] in the frame of the prediction [m].
@@ -184,7 +184,12 @@ class Prediction:
         corners = [real_array(corner, "corner of the region", (3,), finite=False) for corner in (lower, upper)]
         if np.isnan(corners).any():
             raise InputError(f"corners of the region must be numbers, got {lower} and {upper}")
-        return replace(self, grasps=selection.in_region(self.grasps, *corners))
+        return self._with_grasps(selection.in_region(self.grasps, *corners))
+
+    def _with_grasps(self, chosen: Grasps) -> "Prediction":
+        """The same with some of the grasps: nothing that was dropped explains why an object has none of these."""
+        lost = np.setdiff1d(self.grasps.instances, chosen.instances)
+        return replace(self, grasps=chosen, rejections=self.rejections.without(lost))
 
     def distinct(self, limit: int | None = None) -> "Prediction":
         """The same prediction without grasps that hardly differ from a better one, `limit` at most."""

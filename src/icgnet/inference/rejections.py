@@ -23,7 +23,8 @@ class Rejections:
     """Why candidates of each object were dropped, and the best of them.
 
     Attributes:
-        counts: how many of each object, by the index of `REASONS`; no rows if that is not known.
+        counts: how many of each object, by the index of `REASONS`; no rows if that is not known, all 0 if grasps of
+            the object were found but not asked for.
         grasps: the best `KEPT` of each object and reason, but none of those unchecked. Of those that are too wide,
             the hand is fully open.
         reasons: of each of these grasps, index of `REASONS`.
@@ -56,6 +57,13 @@ class Rejections:
     def transformed(self, T_a_b: Float[np.ndarray, "4 4"]) -> "Rejections":
         """The same with the grasps of frame b in frame a."""
         return replace(self, grasps=self.grasps.transformed(T_a_b))
+
+    def without(self, objects: Int[np.ndarray, "k"]) -> "Rejections":
+        """The same with nothing of these objects."""
+        counts = self.counts.copy()
+        counts[objects[objects < len(counts)]] = 0
+        left = ~np.isin(self.grasps.instances, objects)
+        return Rejections(counts, self.grasps.select(left), self.reasons[left])
 
     def of_pieces(self, object_of: Int[np.ndarray, "p"], objects: int) -> "Rejections":
         """The same by object, where it was by piece; `object_of` names the object of every piece."""

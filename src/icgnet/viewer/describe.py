@@ -22,6 +22,8 @@ REASON_WORDS = {
     UNCHECKED: "not checked",
 }
 """How the reasons are called for which grasps are dropped."""
+NOT_ASKED_FOR = "not asked for"
+"""Of the grasps of objects that were left out by a choice of object, class or region."""
 STAGES = (COLLISIONS, (UNCHECKED,), (TOO_WIDE,), (LOW_SCORE,))
 """The reasons, those first whose grasps came farthest: what is believed in and fits the hand is checked last."""
 
@@ -77,7 +79,7 @@ def dropped_text(prediction: Prediction, instance_id: int) -> str:
     if not counts:
         return "reasons were not saved for each object; predict again"
     told = [_counted_reason(prediction, instance_id, reason) for stage in STAGES for reason in stage if counts[reason]]
-    return ", ".join(told) or "nothing: there was no place to try"
+    return ", ".join(told) or NOT_ASKED_FOR
 
 
 def main_reason(prediction: Prediction, instance_id: int) -> str:
@@ -90,7 +92,7 @@ def main_reason(prediction: Prediction, instance_id: int) -> str:
         if counts[most]:
             best = _best_dropped(prediction, instance_id, most)
             return REASON_WORDS[most] + ("" if best is None or most != LOW_SCORE else f", best {best:.2f}")
-    return "no place to try"
+    return NOT_ASKED_FOR
 
 
 def _counted_reason(prediction: Prediction, instance_id: int, reason: str) -> str:

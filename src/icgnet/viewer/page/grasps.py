@@ -90,7 +90,7 @@ class RejectedPanel:
         kept = [name for name in REASONS if (dropped.reasons == REASONS.index(name)).any()]
         self._words = {f"{REASON_WORDS[name]} ({counts.get(name, 0)})": name for name in kept}
         with gui.add_folder("Rejected grasps"):
-            self._switch = gui.add_checkbox("Show the best", False, disabled=not kept)
+            self._switch = gui.add_checkbox("Show rejected", False, disabled=not kept)
             self._reason = gui.add_dropdown("Reason", [EVERY_REASON, *self._words], disabled=not kept)
             if not kept:
                 gui.add_markdown("none were saved; predict again" if counts else "none")

@@ -123,7 +123,7 @@ class ObjectPanel:
     def _add(self, item: DetectedObject) -> _Parts:
         scene, key, colour = self._server.scene, item.instance_id, to_bytes(instance_colour(item.instance_id))
         line, mesh = object_line(self._prediction, item), item.mesh()
-        switch = self._server.gui.add_checkbox(line, True)
+        switch = self._server.gui.add_checkbox(f"{key} {item.class_name}", True)
         switch.on_update(lambda _: self._changed())
         shape = scene.add_mesh_simple(
             f"/shapes/{key}",
