@@ -177,17 +177,17 @@ def _believed(
     if search.select == "highest":
         likely &= probabilities > SCORE_LADDER[-1]
     fits = (widths <= gripper.max_opening)[:, None]
+    given = (contacts, widths, probabilities, gripper, search.opening == "full")
     counts = np.zeros((shapes, len(REASONS)), dtype=np.int64)
     shown, reasons = [], []
     for name, dropped in ((LOW_SCORE, ~likely), (TOO_WIDE, likely & ~fits)):
         reason = REASONS.index(name)
         np.add.at(counts[:, reason], contacts.instances, dropped.sum(axis=1))
-        grasps = _grasps_at(*_best_of_each(dropped, probabilities, contacts), contacts, widths, probabilities, gripper)
+        grasps = _grasps_at(*_best_of_each(dropped, probabilities, contacts), *given)
         shown.append(grasps)
         reasons.append(np.full(len(grasps), reason))
     rejected = Rejections(counts, Grasps.concatenate(shown), np.concatenate(reasons))
-    grasps = _grasps_at(*np.nonzero(likely & fits), contacts, widths, probabilities, gripper, search.opening == "full")
-    return ranked(grasps, search.select), rejected
+    return ranked(_grasps_at(*np.nonzero(likely & fits), *given), search.select), rejected
 
 
 def _best_of_each(
@@ -211,7 +211,7 @@ def _grasps_at(
     widths: Float[np.ndarray, "c"],
     probabilities: Float[np.ndarray, "c a"],
     gripper: Gripper,
-    fully_open: bool = False,
+    fully_open: bool,
 ) -> Grasps:
     """The candidates at these contacts and approach angles; the hand is open as far as each needs, or fully."""
     used, position = np.unique(contact, return_inverse=True)

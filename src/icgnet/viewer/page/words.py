@@ -87,8 +87,12 @@ def grasp_details(grasps: Grasps, g: int, frame_id: str, reason: str | None) -> 
         ("quaternion wxyz", " ".join(f"{value:.3f}" for value in matrix_to_quaternion(pose[:3, :3]))),
         ("approach", " ".join(f"{value:.2f}" for value in pose[:3, 2])),
     ]
-    word = "Best grasp" if reason is None and g == 0 else "Grasp"
-    title = f"<b>{word}</b>" if reason is None else f'<b style="color:{ALERT}">Rejected: {escape(reason)}</b>'
+    is_first = not (grasps.instances[:g] == grasps.instances[g]).any()
+    title = (
+        f"<b>{'Best grasp' if is_first else 'Grasp'}</b>"
+        if reason is None
+        else f'<b style="color:{ALERT}">Rejected: {escape(reason)}</b>'
+    )
     return _block(title) + _pairs(lines)
 
 
