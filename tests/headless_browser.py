@@ -17,8 +17,8 @@ OPTIONS = (
     # WebGL on the CPU.
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
 )
-SIZE = {"width": 900, "height": 640}
-PATIENCE = 60_000
+SIZE = {"width": 900, "height": 720}
+PATIENCE = 120_000
 """How long a page may take on a busy machine [ms]."""
 
 

@@ -119,7 +119,7 @@ def test_a_click_on_an_object_chooses_it_and_the_surroundings_can_be_hidden(page
     page.see("TCP in base_link")
     before = shot(page, tmp_path / "object.png")
     page.open_folder("Scene")
-    for label in ("Background points", "Support plane"):
+    for label in ("Background", "Support plane"):
         page.check(label, on=False)
     page.wait_for(lambda: not viewer.surroundings._table.visible, "no plane")
     assert not viewer.surroundings._cloud.visible

@@ -90,7 +90,7 @@ class WebViewer:
         server, (points, _) = self.server, points_on_table(prediction, FRAMED_POINTS)
         if not len(points):
             points = np.array([[0.0, 0.0, TABLE_HEIGHT], [0.3, 0.3, 0.2]])
-        view = framing_view(points, VIEW_AZIMUTH, VIEW_ELEVATION, (3, 4))
+        view = framing_view(points, VIEW_AZIMUTH, VIEW_ELEVATION, (1, 1))
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
         server.initial_camera.position = tuple(view.T_world_camera[:3, 3])

@@ -38,7 +38,7 @@ class GraspPanel:
         lowest = float(np.floor(20 * min(best.scores, default=0.0)) / 20)
         with gui.add_folder("Grasps"):
             self._threshold = gui.add_slider("Lowest score", 0.0, 1.0, 0.01, min(max(lowest, 0.0), 1.0))
-            self._count = gui.add_slider("Grasps per object", 0, HANDS_PER_OBJECT, 1, SHOWN_AT_FIRST)
+            self._count = gui.add_slider("Per object", 0, HANDS_PER_OBJECT, 1, SHOWN_AT_FIRST)
             self._whole = gui.add_checkbox("Whole hand", False)
             self._told = gui.add_markdown("")
         for control in (self._threshold, self._count, self._whole):

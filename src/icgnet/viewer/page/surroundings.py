@@ -52,9 +52,9 @@ class SurroundingsPanel:
     ) -> None:
         gui, supports = server.gui, prediction.supports
         points = transform_points(T_table_frame, prediction.cloud.points)
-        with gui.add_folder("Scene"):
+        with gui.add_folder("Scene", expand_by_default=False):
             self._points = gui.add_checkbox("Points", True)
-            self._background = gui.add_checkbox("Background points", True)
+            self._background = gui.add_checkbox("Background", True)
             self._shapes = gui.add_checkbox("Shapes", True)
             self._names = gui.add_checkbox("Names", True)
             self._plane = gui.add_checkbox("Support plane", True)

@@ -6,10 +6,10 @@ from html import escape
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.grasps import Grasps
 from icgnet.inference.prediction import DetectedObject, Prediction
-from icgnet.viewer.describe import dropped_text, main_reason, summary
+from icgnet.viewer.describe import SEPARATOR, dropped_text, main_reason, summary
 from icgnet.viewer.palette import REASON_COLOURS, instance_colour, to_bytes
 
-LIST_HEIGHT = "15em"
+LIST_HEIGHT = "12em"
 """Longer lists scroll, so that they push nothing off the page."""
 QUIET, ALERT = "#6b7280", "#b42318"
 
@@ -22,8 +22,8 @@ def header(prediction: Prediction) -> str:
         told.append(f'<span style="color:{ALERT}">{poor} object{"s" * (poor != 1)} without a grasp</span>')
     hand = prediction.gripper
     told.append(
-        f"in the frame <code>{escape(prediction.frame_id)}</code>, for the hand <code>{escape(hand.name)}</code> "
-        f"(opens {1e3 * hand.max_opening:.0f} mm)"
+        f"frame <code>{escape(prediction.frame_id)}</code>{SEPARATOR}hand <code>{escape(hand.name)}</code>, "
+        f"opens {1e3 * hand.max_opening:.0f} mm"
     )
     left_out = ", ".join(f"{count} {what}" for what, count in prediction.left_out.items() if count)
     notes = [*prediction.warnings, *([f"left out: {left_out}"] if left_out else [])]
