@@ -33,14 +33,18 @@ def viewer(browser, crowded_prediction, tmp_path_factory) -> Iterator[WebViewer]
     viewer.stop()
 
 
+@pytest.fixture(scope="module")
+def opened(browser, viewer) -> ViewerPage:
+    """The page, opened once: to load it takes most of the time."""
+    return ViewerPage(browser, viewer.url)
+
+
 @pytest.fixture
-def page(browser, viewer) -> Iterator[ViewerPage]:
-    """The page as it is first seen; nothing may have gone wrong on it in the end."""
+def page(opened, viewer) -> Iterator[ViewerPage]:
+    """The page with all objects chosen; nothing may have gone wrong on it in the end."""
     viewer.objects.choose(None)
-    opened = ViewerPage(browser, viewer.url)
     yield opened
     assert opened.errors == []
-    opened.page.close()
 
 
 def shot(page: ViewerPage, path: Path) -> np.ndarray:
