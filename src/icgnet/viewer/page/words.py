@@ -9,7 +9,7 @@ from icgnet.inference.prediction import DetectedObject, Prediction
 from icgnet.viewer.describe import SEPARATOR, dropped_text, main_reason, summary
 from icgnet.viewer.palette import REASON_COLOURS, instance_colour, to_bytes
 
-LIST_HEIGHT = "12em"
+LIST_HEIGHT, NOTES_HEIGHT = "12em", "4.5em"
 """Longer lists scroll, so that they push nothing off the page."""
 QUIET, ALERT = "#6b7280", "#b42318"
 
@@ -27,8 +27,10 @@ def header(prediction: Prediction) -> str:
     )
     left_out = ", ".join(f"{count} {what}" for what, count in prediction.left_out.items() if count)
     notes = [*prediction.warnings, *([f"left out: {left_out}"] if left_out else [])]
-    told += [f'<span style="color:{QUIET}">{escape(note)}</span>' for note in notes]
-    return _block(f'<div style="max-height:{LIST_HEIGHT};overflow:auto">{"<br>".join(told)}</div>')
+    if notes:
+        quiet = f"color:{QUIET};max-height:{NOTES_HEIGHT};overflow:auto"
+        told.append(f'<div style="{quiet}">{"<br>".join(map(escape, notes))}</div>')
+    return _block("<br>".join(told))
 
 
 def object_line(prediction: Prediction, item: DetectedObject) -> str:
@@ -37,12 +39,9 @@ def object_line(prediction: Prediction, item: DetectedObject) -> str:
 
 
 def object_label(prediction: Prediction, item: DetectedObject) -> str:
-    """What floats over an object: number and class, and why there is no grasp."""
+    """What floats over an object: number and class, and whether there is no grasp; short, for there may be many."""
     name = f"{item.instance_id} {item.class_name}"
-    if len(_grasps_of(prediction, item)):
-        return name
-    reason = main_reason(prediction, item.instance_id)
-    return f"{name}: 0 grasps" + (f", {reason}" if reason else "")
+    return name if len(_grasps_of(prediction, item)) else f"{name}: 0 grasps"
 
 
 def object_list(prediction: Prediction) -> str:
