@@ -187,7 +187,8 @@ def _believed(
         shown.append(grasps)
         reasons.append(np.full(len(grasps), reason))
     rejected = Rejections(counts, Grasps.concatenate(shown), np.concatenate(reasons))
-    return ranked(_grasps_at(*np.nonzero(likely & fits), *given), search.select), rejected
+    contact, angle = np.nonzero(likely & fits)
+    return ranked(_grasps_at(contact, angle, *given), search.select), rejected
 
 
 def _best_of_each(
