@@ -23,6 +23,7 @@ def test_beside_0_grasps_stands_what_was_in_the_way(rejecting_prediction):
     assert object_label(rejecting_prediction, ball) == "0 ball"
     assert object_label(rejecting_prediction, box) == "1 box: 0 grasps"
     assert dropped_text(rejecting_prediction, 1) == "2 would hit measured points (best 0.85), 40 low score (best 0.04)"
+    assert dropped_text(rejecting_prediction, 0) == "nothing"
     assert "would hit measured points" in object_list(rejecting_prediction)
     assert "40 low score (best 0.04)" in object_details(rejecting_prediction, box)
     assert "1 object without a grasp" in header(rejecting_prediction)

@@ -79,7 +79,8 @@ def dropped_text(prediction: Prediction, instance_id: int) -> str:
     if not counts:
         return "reasons were not saved for each object; predict again"
     told = [_counted_reason(prediction, instance_id, reason) for stage in STAGES for reason in stage if counts[reason]]
-    return ", ".join(told) or NOT_ASKED_FOR
+    has_grasps = (prediction.grasps.instances == instance_id).any()
+    return ", ".join(told) or ("nothing" if has_grasps else NOT_ASKED_FOR)
 
 
 def main_reason(prediction: Prediction, instance_id: int) -> str:
