@@ -16,12 +16,13 @@ from icgnet.errors import DataError, InputError, TableNotFoundError
 from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import invert_transform, matrix_to_quaternion, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.grasping.collision import check_collisions, hits_table
+from icgnet.grasping.collision import Reason, check_collisions, hits_table
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.candidates import score_contacts
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.prediction import FORMAT, NO_INSTANCE, Prediction
+from icgnet.inference.rejections import KEPT
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights import save_weights
 from icgnet.predictor import Predictor
@@ -140,6 +141,46 @@ def test_every_candidate_is_kept_or_counted_as_rejected(predictor, in_world, dep
     counted = {"low_score", "too_wide", "table", "object", "points", "unchecked"}
     assert set(in_world.rejected) == counted
     assert result.rejected == in_world.rejected
+
+
+def test_every_object_knows_why_its_grasps_were_dropped(in_world):
+    dropped, gripper = in_world.rejections, load_gripper()
+    assert dropped.total() == in_world.rejected
+    entries = in_world.to_dict()["objects"]
+    assert [entry["rejected"] for entry in entries] == [dropped.of_object(k) for k in range(len(entries))]
+    # The same checks say the same again, with the table and the measured points alone.
+    T_table_frame = invert_transform(in_world.T_frame_table)
+    for name in ("free", "table", "points"):
+        grasps = in_world.grasps if name == "free" else dropped.for_reason(name)
+        poses, points = grasps.transformed(T_table_frame).poses, transform_points(T_table_frame, in_world.cloud.points)
+        met = check_collisions(poses, grasps.openings, gripper, lambda at: np.zeros(len(at)), TABLE_HEIGHT, points)
+        assert len(poses) > 0, name
+        assert (met.reason == Reason[name.upper()]).all(), name
+
+
+def test_where_nothing_is_believed_in_the_best_is_kept_to_be_looked_at(predictor, depth):
+    doubting = predictor.with_search(min_score=1.0).predict_depth(depth, INTRINSICS, camera_pose(), TABLE_HEIGHT)
+    assert len(doubting.grasps) == 0
+    for item in doubting.objects:
+        assert doubting.rejections.of_object(item.instance_id)["low_score"] > 0
+        own = doubting.rejections.grasps.scores[doubting.rejections.grasps.instances == item.instance_id]
+        assert 0 < len(own) <= KEPT
+        assert (np.diff(own) <= 0).all()
+
+
+def test_rejected_grasps_are_saved_and_folders_without_them_are_read(in_camera, tmp_path):
+    in_camera.save(tmp_path / "out")
+    loaded = Prediction.load(tmp_path / "out").rejections
+    np.testing.assert_array_equal(loaded.counts, in_camera.rejections.counts)
+    np.testing.assert_array_equal(loaded.reasons, in_camera.rejections.reasons)
+    np.testing.assert_array_equal(loaded.grasps.poses, in_camera.rejections.grasps.poses)
+    assert len(loaded.grasps) > 0
+    (tmp_path / "out" / "rejected.npz").unlink()
+    edit_result(tmp_path / "out", lambda result: [entry.pop("rejected") for entry in result["objects"]])
+    old = Prediction.load(tmp_path / "out")
+    assert old.rejected == in_camera.rejected
+    assert old.rejections.of_object(0) == {}
+    assert "rejected" not in old.to_dict()["objects"][0]
 
 
 def test_timings_name_the_stages(in_world):
@@ -521,6 +562,10 @@ EDITS = {
     "rows beyond the input": lambda folder: edit_arrays(folder, "cloud.npz", input_shape=np.array([2, 2])),
     "fewer scores than grasps": lambda folder: edit_arrays(folder, "grasps.npz", score=np.ones(1)),
     "instances that are not": lambda folder: edit_arrays(folder, "grasps.npz", instance_id=np.full(1, 99)),
+    "a reason of its own": lambda folder: edit_arrays(folder, "rejected.npz", reason=np.full(1, "bad luck")),
+    "half a drop": lambda folder: edit_result(
+        folder, lambda result: result["objects"][0]["rejected"].update(table=-0.5)
+    ),
     "left-handed grasps": lambda folder: edit_arrays(folder, "grasps.npz", grasps=np.diag([1.0, 1, -1, 1])[None]),
 }
 

@@ -1,6 +1,5 @@
 """From a depth image or a cloud of a cluttered table to objects, complete shapes and ranked grasps."""
 
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -26,6 +25,7 @@ from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
 from icgnet.inference.instances import encode, find_instances
 from icgnet.inference.occlusion import joined_behind_others
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction, SupportPlane
+from icgnet.inference.rejections import Rejections
 from icgnet.inference.shapes import SceneOccupancy, Shape
 from icgnet.inference.support import Support
 from icgnet.inference.tabletop import Tabletop, find_tabletop
@@ -240,12 +240,13 @@ class Predictor:
         objects = [[Shape.around(self.network, piece, points[piece.rows]) for piece in item] for item in whole]
         clock.lap("encode")
 
-        grasps, rejected = self._search(tabletop, objects, for_contacts, clock, budget)
+        grasps, rejections = self._search(tabletop, objects, for_contacts, clock, budget)
         result = Prediction(
             objects=tuple(_detected(number, item, tabletop, cloud) for number, item in enumerate(objects)),
             grasps=grasps.transformed(tabletop.T_frame_table),
             frame_id=cloud.frame_id,
-            rejected=rejected,
+            rejected=rejections.total() if objects else {},
+            rejections=rejections.transformed(tabletop.T_frame_table),
             timings_ms=clock.laps_ms,
             cloud=cloud,
             cloud_instances=_labels(objects, len(cloud)),
@@ -268,14 +269,14 @@ class Predictor:
         rng: np.random.Generator,
         clock: Clock,
         budget: Budget,
-    ) -> tuple[Grasps, dict[str, int]]:
+    ) -> tuple[Grasps, Rejections]:
         """Free grasps in the table frame, ranked; from the predicted surfaces too when the seen ones give few."""
         pieces = [piece for item in objects for piece in item]
         if not pieces:
-            return Grasps.empty(), {}
+            return Grasps.empty(), Rejections.empty()
         object_of = np.repeat(np.arange(len(objects)), [len(item) for item in objects])
         contacts = seen_contacts(tabletop, [piece.instance for piece in pieces], self.search.contacts, rng)
-        rounds, rejected, occupancy = [], Counter(), SceneOccupancy(pieces)
+        rounds, rejected, occupancy = [], [], SceneOccupancy(pieces)
         while True:
             candidates, dropped = score_contacts(self.network, pieces, contacts, self.gripper, self.search)
             candidates = replace(candidates, instances=object_of[candidates.instances])
@@ -285,16 +286,16 @@ class Predictor:
                     candidates, occupancy, len(objects), tabletop, self.gripper, self.search, budget.is_spent
                 )
             else:
-                free, hit = keep_unchecked(candidates, len(objects), self.search.per_object), {}
+                free = keep_unchecked(candidates, len(objects), self.search.per_object)
+                hit = Rejections.empty(len(objects))
             clock.lap("collision")
             rounds.append(free)
-            rejected.update(dropped)
-            rejected.update(hit)
+            rejected += [dropped.of_pieces(object_of, len(objects)), hit]
             grasps = Grasps.concatenate(rounds)
             poor = self._with_few_grasps(grasps, len(objects))
             is_last = len(rounds) == 2 or not self.search.resample or budget.is_spent(RESAMPLING_SHARE)
             if is_last or not poor.any():
-                return ranked(grasps, self.search.select), dict(rejected)
+                return ranked(grasps, self.search.select), Rejections.joined(rejected)
             chosen = np.flatnonzero(poor[object_of])[:MOST_RESAMPLED]
             contacts = surface_contacts(occupancy, chosen, self.search.contacts, rng)
 

@@ -1,6 +1,7 @@
-"""A made-up prediction of shapes whose place and size are known exactly."""
+"""Made-up predictions of shapes whose place and size are known exactly."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import make_transform, transform_points
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import load_gripper
-from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction, SupportPlane
+from icgnet.inference.rejections import REASONS, Rejections
 from icgnet.objects.classes import CLASSES
 
 VIEWPOINT = np.array([0.45, -0.25, 0.5])
@@ -71,3 +73,68 @@ def make_prediction() -> Callable[..., Prediction]:
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def rejecting_prediction(make_prediction) -> Prediction:
+    """A ball with grasps and a box without: 40 had low scores, two would have hit what was measured beside it."""
+    return without_grasps(make_prediction(np.diag([-1.0, -1.0, 1.0, 1.0])), (1,))
+
+
+def without_grasps(found: Prediction, instances: tuple[int, ...]) -> Prediction:
+    """The same with all grasps of some objects dropped: the worst of each for its score, the others for points."""
+    is_lost = np.isin(found.grasps.instances, instances)
+    lost = found.grasps.select(is_lost)
+    worst = np.array([g == np.flatnonzero(lost.instances == lost.instances[g])[-1] for g in range(len(lost))])
+    lost = replace(lost, scores=np.where(worst, 0.04, lost.scores))
+    reasons = np.where(worst, REASONS.index("low_score"), REASONS.index("points"))
+    dropped = Rejections.of_grasps(lost, reasons, len(found.objects))
+    dropped.counts[list(instances), REASONS.index("low_score")] = 40
+    return replace(found, grasps=found.grasps.select(~is_lost), rejections=dropped, rejected=dropped.total())
+
+
+@pytest.fixture(scope="session")
+def crowded_prediction() -> Prediction:
+    """Twenty cubes in rows on a table with a second level beside it; every other one has no grasp."""
+    cubes, points, instances, poses = [], [], [], []
+    for k in range(20):
+        cube = trimesh.creation.box([0.05, 0.05, 0.05]).apply_translation([0.12 * (k % 5), 0.12 * (k // 5), 0.075])
+        cloud, _ = trimesh.sample.sample_surface(cube, 200, seed=k)
+        cubes.append(DetectedObject(k, 0.8, "box", 0.9, cloud, lambda cube=cube: cube))
+        points.append(cloud)
+        instances.append(np.full(200, k))
+        poses.append(_hand_over(cube.centroid, 0.1))
+    across = np.stack(np.meshgrid(np.linspace(-0.2, 0.7, 60), np.linspace(-0.2, 0.6, 60)), axis=-1).reshape(-1, 2)
+    table = np.column_stack([across, np.where(across[:, 0] > 0.6, 0.0, 0.05)])
+    poses = np.repeat(np.array(poses), 3, axis=0)
+    poses[:, 2, 3] += np.tile([0.0, 0.01, 0.02], 20)
+    count = len(poses)
+    grasps = Grasps(
+        poses,
+        np.full(count, 0.05),
+        np.full(count, 0.062),
+        np.linspace(0.9, 0.3, count),
+        np.repeat(np.arange(20), 3),
+        poses[:, :3, 3],
+        np.full(count, 5),
+    )
+    cloud = np.concatenate([*points, table])
+    up = (0.0, 0.0, 1.0)
+    found = Prediction(
+        objects=tuple(cubes),
+        grasps=grasps,
+        frame_id="base_link",
+        rejected={},
+        timings_ms={"encode": 120.0},
+        cloud=PointCloud(cloud, VIEWPOINT, "base_link"),
+        cloud_instances=np.concatenate([*instances, np.full(len(table), NO_INSTANCE)]),
+        T_frame_table=np.eye(4),
+        gripper=load_gripper("franka"),
+        classes=CLASSES,
+        input_rows=np.arange(len(cloud)),
+        input_shape=(len(cloud),),
+        left_out={"background": 1},
+        supports=(SupportPlane(up, 0.05, 0.4, 0.6, 0.0), SupportPlane(up, 0.0, 0.1, 0.1, 0.0)),
+        warnings=("the table was a close choice",),
+    )
+    return without_grasps(found, tuple(range(1, 20, 2)))

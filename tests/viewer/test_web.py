@@ -36,18 +36,12 @@ def test_the_page_is_served_until_it_is_stopped(viewer):
         urllib.request.urlopen(viewer.url, timeout=2)
 
 
-def test_the_score_threshold_and_the_object_switches_hide_hands(viewer):
-    assert viewer.visible_hands() == 4
-    viewer._threshold.value = 0.9
-    viewer._update()
-    assert viewer.visible_hands() == 1
-    viewer._threshold.value = 0.0
-    viewer._parts[0].switch.value = False
-    viewer._update()
-    assert viewer.visible_hands() == 2
-    viewer._count.value = 20
-    viewer._update()
-    assert viewer.visible_hands() == 3
+def test_looking_at_one_object_shows_its_grasps_only(viewer):
+    assert len(viewer.grasps.hands.visible()) == 4
+    viewer.objects.choose(1)
+    assert set(viewer.grasps.hands.grasps.instances[viewer.grasps.hands.visible()]) == {1}
+    viewer.objects.choose(None)
+    assert len(viewer.grasps.hands.visible()) == 4
 
 
 def test_hands_are_shown_as_far_open_as_they_were_checked(make_prediction):
@@ -55,7 +49,24 @@ def test_hands_are_shown_as_far_open_as_they_were_checked(make_prediction):
     fully = replace(found, grasps=replace(found.grasps, openings=np.full(2, 0.08)))
     viewer = open_viewer(fully, port=free_port())
     try:
-        assert [np.ptp(hand.slim.vertices[:, 1]) for hand in viewer._hands] == pytest.approx([0.08 + 2 * THICKNESS] * 2)
+        hands = [viewer.grasps.hands.mesh(g) for g in range(2)]
+        assert [np.ptp(hand.vertices[:, 1]) for hand in hands] == pytest.approx([0.08 + 2 * THICKNESS] * 2)
+    finally:
+        viewer.stop()
+
+
+def test_rejected_grasps_stand_where_they_would_be_in_the_scene(rejecting_prediction):
+    viewer = open_viewer(rejecting_prediction, port=free_port())
+    try:
+        assert len(viewer.rejected.hands.visible()) == 0
+        viewer.rejected._switch.value = True
+        viewer.update()
+        shown = viewer.rejected.hands.visible()
+        assert len(shown) == 3
+        for g in shown:
+            at = viewer.rejected.hands.mesh(int(g)).position
+            expected = rejecting_prediction.rejections.grasps.transformed(viewer.T_table_frame).poses[g, :3, 3]
+            np.testing.assert_allclose(at, expected)
     finally:
         viewer.stop()
 
@@ -64,7 +75,7 @@ def test_an_empty_prediction_can_be_viewed(make_prediction):
     found = make_prediction(grasps_each=0)
     viewer = open_viewer(replace(found, objects=(), cloud_instances=0 * found.cloud_instances - 1), port=free_port())
     try:
-        assert viewer.visible_hands() == 0
+        assert len(viewer.grasps.hands.visible()) == 0
     finally:
         viewer.stop()
 

@@ -48,12 +48,18 @@ def write_folder(prediction: "Prediction", out: Path, overwrite: bool, title: st
 
 def print_tables(prediction: "Prediction", console: Console, meshes: bool) -> None:
     """Prints the objects, the first grasps, what was rejected and how long it took; with `meshes`, the sizes."""
+    from icgnet.viewer.describe import dropped_text
+
     console.print(_object_table(prediction, meshes))
     console.print(_grasp_table(prediction))
     rejected = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in prediction.rejected.items() if count
     )
     console.print(f"rejected: {rejected or 'none'}")
+    for item in prediction.objects:
+        if not (prediction.grasps.instances == item.instance_id).any():
+            reasons = dropped_text(prediction, item.instance_id)
+            console.print(f"no grasp on {item.instance_id} {item.class_name}: {reasons}", markup=False)
     left_out = ", ".join(f"{count} {what}" for what, count in prediction.left_out.items() if count)
     if left_out:
         console.print(f"left out: {left_out}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
 from icgnet.geometry.workspace import TABLE_HEIGHT, above_table
@@ -14,9 +14,10 @@ from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions, d
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
-from icgnet.grasping.selection import ranked
+from icgnet.grasping.selection import SCORE_LADDER, ranked
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.inference.instances import Instance
+from icgnet.inference.rejections import COLLISIONS, KEPT, LOW_SCORE, REASONS, TOO_WIDE, UNCHECKED, Rejections
 from icgnet.inference.shapes import SceneOccupancy, Shape
 from icgnet.inference.tabletop import Tabletop
 from icgnet.network.icgnet import IcgNet
@@ -120,8 +121,8 @@ def _draw(contacts: GraspContacts, count: int, rng: np.random.Generator) -> Gras
 @torch.no_grad()
 def score_contacts(
     network: IcgNet, shapes: Sequence[Shape], contacts: GraspContacts, gripper: Gripper, search: GraspSearch
-) -> tuple[Grasps, dict[str, int]]:
-    """The grasps that the network believes in, best first, and how many were dropped.
+) -> tuple[Grasps, Rejections]:
+    """The grasps that the network believes in, best first, and those that were dropped, by index of the shape.
 
     Paper: each contact is decoded for the twelve approach angles, with the query of its own object.
 
@@ -149,7 +150,7 @@ def score_contacts(
         widths[part] = affordance.widths.cpu().numpy()
     if search.width_from == "shape":
         widths = _shape_widths(shapes, contacts, widths, gripper)
-    return _believed(probabilities, np.maximum(widths, 0.0), contacts, gripper, search)
+    return _believed(probabilities, np.maximum(widths, 0.0), contacts, len(shapes), gripper, search)
 
 
 def _shape_widths(
@@ -168,28 +169,65 @@ def _believed(
     probabilities: Float[np.ndarray, "c a"],
     widths: Float[np.ndarray, "c"],
     contacts: GraspContacts,
+    shapes: int,
     gripper: Gripper,
     search: GraspSearch,
-) -> tuple[Grasps, dict[str, int]]:
+) -> tuple[Grasps, Rejections]:
     likely = probabilities >= search.min_score
-    fits = widths <= gripper.max_opening
-    rejected = {"low_score": int((~likely).sum()), "too_wide": int((likely & ~fits[:, None]).sum())}
-    contact, angle = np.nonzero(likely & fits[:, None])
+    if search.select == "highest":
+        likely &= probabilities > SCORE_LADDER[-1]
+    fits = (widths <= gripper.max_opening)[:, None]
+    given = (contacts, widths, probabilities, gripper, search.opening == "full")
+    counts = np.zeros((shapes, len(REASONS)), dtype=np.int64)
+    shown, reasons = [], []
+    for name, dropped in ((LOW_SCORE, ~likely), (TOO_WIDE, likely & ~fits)):
+        reason = REASONS.index(name)
+        np.add.at(counts[:, reason], contacts.instances, dropped.sum(axis=1))
+        grasps = _grasps_at(*_best_of_each(dropped, probabilities, contacts), *given)
+        shown.append(grasps)
+        reasons.append(np.full(len(grasps), reason))
+    rejected = Rejections(counts, Grasps.concatenate(shown), np.concatenate(reasons))
+    contact, angle = np.nonzero(likely & fits)
+    return ranked(_grasps_at(contact, angle, *given), search.select), rejected
+
+
+def _best_of_each(
+    dropped: Bool[np.ndarray, "c a"], probabilities: Float[np.ndarray, "c a"], contacts: GraspContacts
+) -> tuple[Int[np.ndarray, "g"], Int[np.ndarray, "g"]]:
+    """Contact and approach angle of the best dropped candidates of each object, one at a contact."""
+    scores = np.where(dropped, probabilities, -1.0)
+    angle = scores.argmax(axis=1)
+    best = scores.max(axis=1)
+    order = np.argsort(-best, kind="stable")
+    order = order[best[order] >= 0.0]
+    own = [order[contacts.instances[order] == instance][:KEPT] for instance in np.unique(contacts.instances[order])]
+    contact = np.concatenate([np.zeros(0, dtype=np.int64), *own])
+    return contact, angle[contact]
+
+
+def _grasps_at(
+    contact: Int[np.ndarray, "g"],
+    angle: Int[np.ndarray, "g"],
+    contacts: GraspContacts,
+    widths: Float[np.ndarray, "c"],
+    probabilities: Float[np.ndarray, "c a"],
+    gripper: Gripper,
+    fully_open: bool,
+) -> Grasps:
+    """The candidates at these contacts and approach angles; the hand is open as far as each needs, or fully."""
     used, position = np.unique(contact, return_inverse=True)
     poses = grasp_poses(contacts.points[used], contacts.normals[used], widths[used], gripper.finger_reach)
-    openings = _openings(widths[contact], gripper, search)
-    grasps = Grasps(
+    wide = widths[contact]
+    openings = np.full(len(wide), gripper.max_opening) if fully_open else gripper.opening(wide)
+    return Grasps(
         poses=draw_back(poses[position, angle], openings, gripper, TABLE_HEIGHT),
-        widths=widths[contact],
+        widths=wide,
         openings=openings,
         scores=probabilities[contact, angle],
         instances=contacts.instances[contact],
         contacts=contacts.points[contact],
         angles=angle,
     )
-    in_order = ranked(grasps, search.select)
-    rejected["low_score"] += len(grasps) - len(in_order)
-    return in_order, rejected
 
 
 def keep_free(
@@ -200,8 +238,8 @@ def keep_free(
     gripper: Gripper,
     search: GraspSearch,
     is_over: Callable[[], bool] = lambda: False,
-) -> tuple[Grasps, dict[str, int]]:
-    """The best grasps whose hand touches nothing on its way, and how many were dropped for what.
+) -> tuple[Grasps, Rejections]:
+    """The best grasps whose hand touches nothing on its way, and those that were dropped, and for what.
 
     Candidates are checked in the order in which they would be tried, until every object has enough, or all together.
 
@@ -214,10 +252,10 @@ def keep_free(
         search: the settings.
         is_over: asked after every batch of checks; the candidates that are left are not checked.
     """
-    rejected = dict.fromkeys((reason.name.lower() for reason in Reason if reason != Reason.FREE), 0)
     points, _ = voxel_downsample(tabletop.cloud.points[tabletop.above], POINT_SPACING)
     found = np.zeros(objects, dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
+    met = np.full(len(grasps), Reason.FREE, dtype=np.int8)
     free: list[Int[np.ndarray, "k"]] = []
     at_once = CHECKS_AT_ONCE if search.most is None else min(CHECKS_AT_ONCE, CHECKS_PER_WANTED * search.most)
     while checked.sum() < search.max_checked and (search.most is None or found.sum() < search.most):
@@ -236,13 +274,14 @@ def keep_free(
             points=points,
         )
         checked[batch] = True
+        met[batch] = collisions.reason
         free.append(batch[collisions.free])
         found += np.bincount(grasps.instances[batch[collisions.free]], minlength=objects)
-        for name in rejected:
-            rejected[name] += collisions.counts[name]
         if is_over():
             break
-    rejected["unchecked"] = int((~checked).sum())
+    dropped = ~checked | (met != Reason.FREE)
+    reasons = np.where(checked, REASONS.index(COLLISIONS[0]) + met - 1, REASONS.index(UNCHECKED))[dropped]
+    rejected = Rejections.of_grasps(grasps.select(dropped), reasons.astype(np.int64), objects)
     return ranked(grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])), search.select), rejected
 
 
@@ -256,11 +295,6 @@ def keep_unchecked(grasps: Grasps, objects: int, per_object: int) -> Grasps:
     """
     rows = [np.flatnonzero(grasps.instances == number)[:per_object] for number in range(objects)]
     return grasps.select(np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *rows])))
-
-
-def _openings(widths: Float[np.ndarray, "g"], gripper: Gripper, search: GraspSearch) -> Float[np.ndarray, "g"]:
-    """Openings of the hand [m] on its way to objects of these widths [m]."""
-    return np.full(len(widths), gripper.max_opening) if search.opening == "full" else gripper.opening(widths)
 
 
 def _tensor(values: Float[np.ndarray, "..."]) -> torch.Tensor:

@@ -22,18 +22,22 @@ from icgnet.grasping import selection
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
+from icgnet.inference.rejections import REASONS, Rejections
 from icgnet.objects.classes import check_class_list, class_index
 from icgnet.output_folder import output_folder
 
 FORMAT = "icgnet prediction 4"
 RESULT_FILE = "result.json"
 GRASPS_FILE = "grasps.npz"
+REJECTED_FILE = "rejected.npz"
 CLOUD_FILE = "cloud.npz"
 MASK_FILE = "mask.png"
 PICTURE_FILE = "picture.png"
 MESH_FOLDER = "meshes"
 LARGEST_SIDE = 10**8
 """No input has more points or pixels."""
+LARGEST_COUNT = 1e12
+"""No search drops more grasps."""
 
 NO_INSTANCE = -1
 """Instance id of points that belong to no object: the table, noise, things that the network left out."""
@@ -115,6 +119,7 @@ class Prediction:
         supports: the plane that was taken for the table, then others for which nearly as much speaks; none if the
             height of the table was given.
         warnings: what the caller should know about this result, one sentence each.
+        rejections: the same as `rejected` for each object, and the best grasps that were dropped; empty if unknown.
     """
 
     objects: tuple[DetectedObject, ...]
@@ -132,6 +137,7 @@ class Prediction:
     left_out: dict[str, int] = field(default_factory=dict)
     supports: tuple[SupportPlane, ...] = ()
     warnings: tuple[str, ...] = ()
+    rejections: Rejections = field(default_factory=Rejections.empty)
 
     @property
     def instance_mask(self) -> Int[np.ndarray, "*s"]:
@@ -157,7 +163,7 @@ class Prediction:
             InputError: there is no such object.
         """
         self.class_of(instance_id)
-        return replace(self, grasps=selection.of_instances(self.grasps, [instance_id]))
+        return self._with_grasps(selection.of_instances(self.grasps, [instance_id]))
 
     def of_class(self, class_name: str) -> "Prediction":
         """The same prediction with the grasps of the objects of one class only.
@@ -167,7 +173,7 @@ class Prediction:
         """
         class_index(class_name, self.classes)
         instance_classes = {item.instance_id: item.class_name for item in self.objects}
-        return replace(self, grasps=selection.of_class(self.grasps, class_name, instance_classes))
+        return self._with_grasps(selection.of_class(self.grasps, class_name, instance_classes))
 
     def in_region(self, lower: Any, upper: Any) -> "Prediction":
         """The same prediction with the grasps in a box only, its corners [3] in the frame of the prediction [m].
@@ -178,7 +184,12 @@ class Prediction:
         corners = [real_array(corner, "corner of the region", (3,), finite=False) for corner in (lower, upper)]
         if np.isnan(corners).any():
             raise InputError(f"corners of the region must be numbers, got {lower} and {upper}")
-        return replace(self, grasps=selection.in_region(self.grasps, *corners))
+        return self._with_grasps(selection.in_region(self.grasps, *corners))
+
+    def _with_grasps(self, chosen: Grasps) -> "Prediction":
+        """The same with some of the grasps: nothing that was dropped explains why an object has none of these."""
+        lost = np.setdiff1d(self.grasps.instances, chosen.instances)
+        return replace(self, grasps=chosen, rejections=self.rejections.without(lost))
 
     def distinct(self, limit: int | None = None) -> "Prediction":
         """The same prediction without grasps that hardly differ from a better one, `limit` at most."""
@@ -209,7 +220,9 @@ class Prediction:
             "T_frame_table": self.T_frame_table.tolist(),
             "gripper": self.gripper.to_dict(),
             "classes": list(self.classes),
-            "objects": [_object_entry(item, meshes) for item in self.objects],
+            "objects": [
+                _object_entry(item, self.rejections.of_object(item.instance_id), meshes) for item in self.objects
+            ],
             "grasps": list(self._grasp_entries()),
             "rejected": self.rejected,
             "left_out": self.left_out,
@@ -219,23 +232,15 @@ class Prediction:
         }
 
     def write(self, folder: Path) -> None:
-        """Writes result.json, grasps.npz, cloud.npz, meshes/ and, for a depth image, mask.png."""
+        """Writes result.json, grasps.npz, rejected.npz, cloud.npz, meshes/ and, for a depth image, mask.png."""
         meshes = folder / MESH_FOLDER
         meshes.mkdir()
         for item in self.objects:
             item.mesh().export(folder / _mesh_path(item))
-        np.savez_compressed(
-            folder / GRASPS_FILE,
-            grasps=self.grasps.poses,
-            width=self.grasps.widths,
-            opening=self.grasps.openings,
-            score=self.grasps.scores,
-            instance_id=self.grasps.instances,
-            class_name=np.array([self.class_of(int(i)) for i in self.grasps.instances], dtype=np.str_),
-            contact=self.grasps.contacts,
-            angle=self.grasps.angles,
-            frame_id=self.frame_id,
-        )
+        np.savez_compressed(folder / GRASPS_FILE, **self._grasp_arrays(self.grasps))
+        dropped = self.rejections
+        reasons = np.array([REASONS[reason] for reason in dropped.reasons], dtype=np.str_)
+        np.savez_compressed(folder / REJECTED_FILE, **self._grasp_arrays(dropped.grasps), reason=reasons)
         viewpoint = np.full(3, np.nan) if self.cloud.viewpoint is None else self.cloud.viewpoint
         np.savez_compressed(
             folder / CLOUD_FILE,
@@ -283,12 +288,29 @@ class Prediction:
                 cloud_file = dict(saved)
             with np.load(folder / GRASPS_FILE) as saved:
                 grasp_file = dict(saved)
-            return _assemble(folder, result, cloud_file, grasp_file)
+            rejected_file = None
+            if (folder / REJECTED_FILE).exists():  # older versions wrote none
+                with np.load(folder / REJECTED_FILE) as saved:
+                    rejected_file = dict(saved)
+            return _assemble(folder, result, cloud_file, grasp_file, rejected_file)
         except DataError:
             raise
         except Exception as error:  # there is no end to what a broken file can raise
             reason = " ".join(str(error).split())[:300]
             raise DataError(f"{folder} is not a saved prediction: {type(error).__name__} {reason}") from error
+
+    def _grasp_arrays(self, grasps: Grasps) -> dict[str, Any]:
+        return {
+            "grasps": grasps.poses,
+            "width": grasps.widths,
+            "opening": grasps.openings,
+            "score": grasps.scores,
+            "instance_id": grasps.instances,
+            "class_name": np.array([self.class_of(int(i)) for i in grasps.instances], dtype=np.str_),
+            "contact": grasps.contacts,
+            "angle": grasps.angles,
+            "frame_id": self.frame_id,
+        }
 
     def _grasp_entries(self) -> Iterator[dict[str, Any]]:
         grasps = self.grasps
@@ -311,7 +333,7 @@ def _mesh_path(item: DetectedObject) -> str:
     return f"{MESH_FOLDER}/{item.instance_id:02d}_{class_name[:60]}.ply"
 
 
-def _object_entry(item: DetectedObject, mesh: bool) -> dict[str, Any]:
+def _object_entry(item: DetectedObject, rejected: dict[str, int], mesh: bool) -> dict[str, Any]:
     return {
         "instance_id": item.instance_id,
         "score": float(item.score),
@@ -320,12 +342,17 @@ def _object_entry(item: DetectedObject, mesh: bool) -> dict[str, Any]:
         "points": len(item.points),
         "lower": item.points.min(axis=0).tolist(),
         "upper": item.points.max(axis=0).tolist(),
+        **({"rejected": rejected} if rejected else {}),
         **({"mesh": _mesh_path(item)} if mesh else {}),
     }
 
 
 def _assemble(
-    folder: Path, result: dict[str, Any], cloud_file: dict[str, np.ndarray], grasp_file: dict[str, np.ndarray]
+    folder: Path,
+    result: dict[str, Any],
+    cloud_file: dict[str, np.ndarray],
+    grasp_file: dict[str, np.ndarray],
+    rejected_file: dict[str, np.ndarray] | None,
 ) -> Prediction:
     """The prediction of files whose content may be anything; every value is checked.
 
@@ -361,6 +388,7 @@ def _assemble(
         left_out={name: int(_number(count, name, 0.0, math.inf)) for name, count in result["left_out"].items()},
         supports=tuple(map(_support_plane, result["supports"])),
         warnings=_texts(result["warnings"], "warnings"),
+        rejections=Rejections.empty() if rejected_file is None else _rejections(rejected_file, objects),
     )
 
 
@@ -395,6 +423,21 @@ def _object(
         class_score=_number(entry["class_score"], "class_score", 0.0, 1.0),
         points=points,
         extract=_MeshFile(mesh),
+    )
+
+
+def _rejections(saved: dict[str, np.ndarray], objects: list[dict[str, Any]]) -> Rejections:
+    """Counts stand with the objects, of whose entries all have some or none."""
+    known = [entry["rejected"] for entry in objects if "rejected" in entry]
+    _require(len(known) in (0, len(objects)), "rejected of the objects", f"known of {len(known)} only")
+    grasps = _grasps(saved, len(objects))
+    names = np.asarray(saved["reason"])
+    _require(names.shape == (len(grasps),) and np.isin(names, REASONS).all(), "reason", names.tolist())
+    counts = [[int(_number(entry[name], name, 0.0, LARGEST_COUNT)) for name in REASONS] for entry in known]
+    return Rejections(
+        counts=np.array(counts, dtype=np.int64).reshape(-1, len(REASONS)),
+        grasps=grasps,
+        reasons=np.array([REASONS.index(name) for name in names.tolist()], dtype=np.int64),
     )
 
 

@@ -7,10 +7,25 @@ from icgnet.geometry.transforms import invert_transform, transform_points
 from icgnet.geometry.workspace import above_table
 from icgnet.grasping.grasps import Grasps
 from icgnet.inference.prediction import NO_INSTANCE, DetectedObject, Prediction
+from icgnet.inference.rejections import COLLISIONS, LOW_SCORE, REASONS, TOO_WIDE, UNCHECKED
 
 SEPARATOR = "  \u00b7  "
 SURROUNDINGS = 0.10
 """Points that belong to no object are shown up to this far from the objects [m]."""
+
+REASON_WORDS = {
+    LOW_SCORE: "low score",
+    TOO_WIDE: "too wide for the hand",
+    "table": "would hit the table",
+    "object": "would hit a shape",
+    "points": "would hit measured points",
+    UNCHECKED: "not checked",
+}
+"""How the reasons are called for which grasps are dropped."""
+NOT_ASKED_FOR = "not asked for"
+"""Of the grasps of objects that were left out by a choice of object, class or region."""
+STAGES = (COLLISIONS, (UNCHECKED,), (TOO_WIDE,), (LOW_SCORE,))
+"""The reasons, those first whose grasps came farthest: what is believed in and fits the hand is checked last."""
 
 
 def summary(prediction: Prediction) -> str:
@@ -56,3 +71,39 @@ def best_per_object(grasps: Grasps, count: int) -> Grasps:
     ranked = grasps.sorted()
     rank = np.array([np.sum(ranked.instances[:g] == ranked.instances[g]) for g in range(len(ranked))], dtype=np.int64)
     return ranked.select(rank < count)
+
+
+def dropped_text(prediction: Prediction, instance_id: int) -> str:
+    """Why candidates of an object were dropped, and the best score of each reason; those that came farthest first."""
+    counts = prediction.rejections.of_object(instance_id)
+    if not counts:
+        return "reasons were not saved for each object; predict again"
+    told = [_counted_reason(prediction, instance_id, reason) for stage in STAGES for reason in stage if counts[reason]]
+    has_grasps = (prediction.grasps.instances == instance_id).any()
+    return ", ".join(told) or ("nothing" if has_grasps else NOT_ASKED_FOR)
+
+
+def main_reason(prediction: Prediction, instance_id: int) -> str:
+    """What was most often in the way of the grasps of an object that came farthest; empty if that is not known."""
+    counts = prediction.rejections.of_object(instance_id)
+    if not counts:
+        return ""
+    for reasons in STAGES:
+        most = max(reasons, key=lambda reason: counts[reason])
+        if counts[most]:
+            best = _best_dropped(prediction, instance_id, most)
+            return REASON_WORDS[most] + ("" if best is None or most != LOW_SCORE else f", best {best:.2f}")
+    return NOT_ASKED_FOR
+
+
+def _counted_reason(prediction: Prediction, instance_id: int, reason: str) -> str:
+    best = _best_dropped(prediction, instance_id, reason)
+    count = prediction.rejections.of_object(instance_id)[reason]
+    return f"{count} {REASON_WORDS[reason]}" + ("" if best is None else f" (best {best:.2f})")
+
+
+def _best_dropped(prediction: Prediction, instance_id: int, reason: str) -> float | None:
+    """The best score among the grasps that were dropped for a reason; None if none of them was kept."""
+    dropped = prediction.rejections
+    own = (dropped.grasps.instances == instance_id) & (dropped.reasons == REASONS.index(reason))
+    return float(dropped.grasps.scores[own].max()) if own.any() else None

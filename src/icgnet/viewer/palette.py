@@ -17,6 +17,14 @@ UNASSIGNED = (0.72, 0.73, 0.75)
 """Points that belong to no instance."""
 MARK = (0.85, 0.0, 0.10)
 """Dots that mark where something is wrong."""
+REASON_COLOURS = {
+    "low_score": (0.55, 0.57, 0.60),
+    "too_wide": (0.45, 0.20, 0.60),
+    "table": (0.55, 0.35, 0.12),
+    "object": (0.80, 0.05, 0.10),
+    "points": (0.96, 0.50, 0.10),
+}
+"""Rejected grasps, by reason."""
 
 # Blues, oranges, reds, violets and browns; greens and yellows belong to the hands with high scores.
 _INSTANCE_HEX = (
