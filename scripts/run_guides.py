@@ -44,7 +44,7 @@ class GuideError(Exception):
     """A page that is not true: a block failed, prints something else, or a mark says nothing."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """A block of code in a page.
 

@@ -1,0 +1,169 @@
+"""The guides are true: their blocks run as they are written (those that are slow by scripts/run_guides.py only)."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image
+
+from icgnet.benchmark.labelled_frames import find_frames, read_frame
+
+ROOT = Path(__file__).parent.parent
+
+
+def load_runner():
+    spec = importlib.util.spec_from_file_location("run_guides", ROOT / "scripts" / "run_guides.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["run_guides"] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+guides = load_runner()
+PAGES = guides.pages()
+
+
+def test_guides_for_users_are_run():
+    assert {page.stem for page in PAGES} >= {
+        *("own_camera", "own_robot", "own_gripper", "own_objects", "real_captures"),
+        *("why_no_grasp", "own_planner", "training", "scenes", "reproduce"),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_guide_runs_as_it_is_written(page, tmp_path):
+    (folder := tmp_path / "work").mkdir()
+    guides.run_page(page, folder, slow=False)
+
+
+def page_of(tmp_path: Path, text: str) -> Path:
+    (tmp_path / "page.md").write_text(guides.TAKES_PART + "\n" + text)
+    return tmp_path / "page.md"
+
+
+def run(tmp_path: Path, text: str, **settings):
+    (folder := tmp_path / "work").mkdir()
+    return guides.run_page(page_of(tmp_path, text), folder, **settings)
+
+
+def test_a_page_is_one_session_in_one_folder(tmp_path):
+    text = """
+<!-- file: words.txt -->
+```text
+alpha beta
+```
+
+<!-- as: "-c" -> "-w" -->
+```bash
+wc -c words.txt | tee count.txt
+echo more
+```
+
+<!-- output: 2 -->
+```
+7 words.txt
+```
+
+```python
+assert open("count.txt").read().split()[0] == "2"
+```
+
+<!-- slow -->
+```bash
+false
+```
+
+```yaml
+not: run
+```
+"""
+    shown = run(tmp_path, text, slow=False)
+    assert [printed for printed in shown.values()] == ["2 words.txt\n"]
+    guides.write_outputs(tmp_path / "page.md", shown)
+    assert "7 words.txt" not in (tmp_path / "page.md").read_text()
+    assert guides.blocks(tmp_path / "page.md")[2].code == "2 words.txt\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("```bash\necho here\nfalse\necho there\n```\n", r"page\.md:3: fails with 1\n.*here"),
+        ("```python\nraise ValueError('wrong')\n```\n", "ValueError: wrong"),
+        ("```bash\necho other 7\n```\n\n<!-- output -->\n```\nwords 3\n```\n", r"page\.md:8: the page shows words"),
+        ('<!-- as: "a" -> "b" -->\n```bash\necho c\n```\n', '"a" is to be changed and does not stand'),
+        ("<!-- as: a b -->\n```bash\necho c\n```\n", 'not "A" -> "B": a b'),
+        ("<!-- not run -->\n```bash\necho c\n```\n", "needs a reason"),
+        ("<!-- output -->\n```\nc\n```\n", "no block whose output"),
+    ],
+)
+def test_a_page_that_is_not_true_is_named(tmp_path, text, message):
+    with pytest.raises(guides.GuideError, match=f"(?s){message}"):
+        run(tmp_path, text)
+
+
+def code_of(page: str, name: str) -> str:
+    """The block of a guide that is to be saved under a name."""
+    (block,) = [each for each in guides.blocks(guides.GUIDES / f"{page}.md") if each.marks.get("file") == name]
+    return block.code
+
+
+@pytest.fixture
+def frames(tmp_path) -> Path:
+    depth = np.full((40, 60), 700, np.uint16)
+    Image.fromarray(depth).save(tmp_path / "a_depth.png")
+    (tmp_path / "camera.json").write_text(json.dumps({"K": [[60, 0, 30], [0, 60, 20], [0, 0, 1]], "depth_scale": 1000}))
+    return tmp_path
+
+
+def test_clicks_are_asked_for_and_read_again(frames, monkeypatch):
+    clicked = iter([[(3.2, 4.9), (5.0, 6.0)], [(20.0, 21.0)], [], [(40.0, 30.0)], []])
+    typed = iter(["mug", "y", "box", "n"])
+    monkeypatch.setattr(plt, "ginput", lambda n, timeout: next(clicked))
+    monkeypatch.setattr("builtins.input", lambda text: next(typed))
+    monkeypatch.setattr(sys, "argv", ["click.py", str(frames / "a_depth.png")])
+    exec(code_of("real_captures", "click.py"), {"__name__": "__main__"})
+    frame = read_frame(find_frames(frames)[0])
+    assert [(each.class_name, each.graspable) for each in frame.clicks.objects] == [("mug", True), ("box", False)]
+    np.testing.assert_array_equal(frame.clicks.objects[0].clicks, [[3, 5], [5, 6]])
+    np.testing.assert_array_equal(frame.clicks.support, [[40, 30]])
+    assert len(frame.clicks.background) == 0
+
+
+def test_outlines_of_labelme_become_labels(frames):
+    outline = [[10, 10], [20, 10], [20, 20], [10, 20]]
+    shapes = [
+        {"label": "mug1", "points": outline, "shape_type": "polygon"},
+        {"label": "mug1", "points": (np.array(outline) + [20, 0]).tolist(), "shape_type": "polygon"},
+        {"label": "box1", "points": (np.array(outline) + [0, 15]).tolist(), "shape_type": "polygon"},
+    ]
+    drawn = {"imageWidth": 60, "imageHeight": 40, "shapes": shapes, "imagePath": "a_color.png"}
+    (frames / "a_color.json").write_text(json.dumps(drawn))
+    (frames / "labels.py").write_text(code_of("real_captures", "labels.py"))
+    subprocess.run([sys.executable, "labels.py", "a_color.json"], cwd=frames, check=True)
+    frame = read_frame(find_frames(frames)[0])
+    assert frame.labels.max() == 2
+    assert frame.labels[15, 15] == frame.labels[15, 35] != frame.labels[30, 15] > 0
+    assert frame.labels[5, 5] == 0
+
+
+def test_the_docs_site_is_built_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocs", reason="needs mkdocs (pip install icgnet[docs])")
+    pytest.importorskip("material", reason="needs mkdocs-material (pip install icgnet[docs])")
+    pytest.importorskip("mkdocstrings", reason="needs mkdocstrings (pip install icgnet[docs])")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    start = (tmp_path / "site" / "index.html").read_text()
+    assert "own_robot.html" in start
+    loaded = [line for line in start.splitlines() if "<script src=" in line or 'rel="stylesheet"' in line]
+    assert loaded
+    assert not any("://" in line for line in loaded), "the site asks another server"
