@@ -162,9 +162,15 @@ def run_page(page: Path, folder: Path, slow: bool = True, compare: bool = True, 
 
 
 def write_outputs(page: Path, shown: dict[Block, str]) -> None:
-    """Puts what was printed into the page."""
+    """Puts what was printed into the page.
+
+    Raises:
+        GuideError: the page is another one by now.
+    """
     text = page.read_text()
     for block in sorted(shown, key=lambda each: each.span, reverse=True):
+        if text[slice(*block.span)] != block.code:
+            raise GuideError(f"{block.where}: the page was changed while it was run")
         text = text[: block.span[0]] + shown[block] + text[block.span[1] :]
     page.write_text(text)
 
@@ -197,7 +203,7 @@ def _environment(folder: Path) -> dict[str, str]:
         program.chmod(0o755)
     path = os.pathsep.join((str(folder), str(Path(sys.executable).parent), os.environ.get("PATH", "")))
     sources = os.pathsep.join(filter(None, (str(ROOT / "src"), os.environ.get("PYTHONPATH"))))
-    plain = {"COLUMNS": "120", "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "Agg"}
+    plain = {"COLUMNS": "120", "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "Agg", "ICGNET_ROOT": str(ROOT)}
     return {**os.environ, **plain, "PATH": path, "PYTHONPATH": sources}
 
 

@@ -3,6 +3,8 @@
 import importlib.util
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +15,7 @@ import pytest
 from PIL import Image
 
 from icgnet.benchmark.labelled_frames import find_frames, read_frame
+from icgnet.cli.main import parse
 
 ROOT = Path(__file__).parent.parent
 
@@ -167,3 +170,37 @@ def test_the_docs_site_is_built_without_a_warning(tmp_path):
     loaded = [line for line in start.splitlines() if "<script src=" in line or 'rel="stylesheet"' in line]
     assert loaded
     assert not any("://" in line for line in loaded), "the site asks another server"
+
+
+REPORTS = ROOT / "docs" / "results"
+
+
+def reproduced() -> dict[str, list[str]]:
+    """Folder of each result in the guide, and the words of its command."""
+    found = {}
+    for row in (guides.GUIDES / "reproduce.md").read_text().splitlines():
+        if match := re.fullmatch(r"\|[^|]*\| ([a-z]+-[\w-]*){([a-z]+),([a-z]+)}(\S+) \| `icgnet (.+)` \|", row):
+            start, first, second, end, line = match.groups()
+            assert f"--scene {first} " in line
+            for kind in (first, second):
+                found[f"{start}{kind}{end}"] = shlex.split(line.replace(f"--scene {first} ", f"--scene {kind} "))
+    return found
+
+
+def test_every_result_has_its_command():
+    assert sorted(reproduced()) == sorted(path.parent.name for path in REPORTS.glob("*/report.json"))
+
+
+SETTINGS = (
+    *("scene", "split", "view", "noise", "seed", "protocol", "runs", "rounds", "scenes", "planner", "threads"),
+    *("level_table", "opening", "input", "repeats"),
+)
+
+
+@pytest.mark.parametrize("name", sorted(reproduced()))
+def test_the_command_of_a_result_has_its_settings(name):
+    config = parse(reproduced()[name]).config
+    settings = json.loads((REPORTS / name / "report.json").read_text())["settings"]
+    told = {key: settings[key] for key in SETTINGS if key in settings}
+    assert {key: getattr(config, key) for key in told} == told
+    assert {"$ICGNET_OBJECTS": "vgn"}.get(config.objects, config.objects) == settings["objects"]
