@@ -121,7 +121,9 @@ def blocks(page: Path) -> list[Block]:
     return found
 
 
-def run_page(page: Path, folder: Path, slow: bool = True, compare: bool = True, report=lambda line: None) -> dict[Block, str]:
+def run_page(
+    page: Path, folder: Path, slow: bool = True, compare: bool = True, report=lambda line: None
+) -> dict[Block, str]:
     """Runs the blocks of a page in a folder.
 
     Args:
@@ -155,7 +157,7 @@ def run_page(page: Path, folder: Path, slow: bool = True, compare: bool = True, 
             missing = _words(block.code) - _words(shown[block])
             if missing and compare:
                 raise GuideError(
-                    f"{block.where}: the page shows {', '.join(sorted(missing))}, which the block before does not print "
+                    f"{block.where}: it shows {', '.join(sorted(missing))}, which the block before does not print "
                     f"(scripts/run_guides.py --write {page.stem} renews it); it prints\n{shown[block]}"
                 )
     return shown
@@ -241,7 +243,9 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             (work := Path(folder) / name).mkdir()
             try:
-                shown = run_page(known[name], work, not wanted.fast, not wanted.write, lambda line: print(line, flush=True))
+                shown = run_page(
+                    known[name], work, not wanted.fast, not wanted.write, lambda line: print(line, flush=True)
+                )
             except GuideError as error:
                 failed = True
                 print(f"error: {error}", file=sys.stderr)

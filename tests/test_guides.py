@@ -88,7 +88,7 @@ not: run
 ```
 """
     shown = run(tmp_path, text, slow=False)
-    assert [printed for printed in shown.values()] == ["2 words.txt\n"]
+    assert list(shown.values()) == ["2 words.txt\n"]
     guides.write_outputs(tmp_path / "page.md", shown)
     assert "7 words.txt" not in (tmp_path / "page.md").read_text()
     assert guides.blocks(tmp_path / "page.md")[2].code == "2 words.txt\n"
@@ -99,7 +99,7 @@ not: run
     [
         ("```bash\necho here\nfalse\necho there\n```\n", r"page\.md:3: fails with 1\n.*here"),
         ("```python\nraise ValueError('wrong')\n```\n", "ValueError: wrong"),
-        ("```bash\necho other 7\n```\n\n<!-- output -->\n```\nwords 3\n```\n", r"page\.md:8: the page shows words"),
+        ("```bash\necho other 7\n```\n\n<!-- output -->\n```\nwords 3\n```\n", r"page\.md:8: it shows words"),
         ('<!-- as: "a" -> "b" -->\n```bash\necho c\n```\n', '"a" is to be changed and does not stand'),
         ("<!-- as: a b -->\n```bash\necho c\n```\n", 'not "A" -> "B": a b'),
         ("<!-- not run -->\n```bash\necho c\n```\n", "needs a reason"),

@@ -145,7 +145,7 @@ def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
 
 
 def _seven_numbers(pose: Mapping[Any, Any], name: str) -> list[Any]:
-    """x y z qw qx qy qz of a mapping that has them by name."""
+    """Position [m] and quaternion wxyz of a mapping that has them by name, as seven numbers."""
     for position, orientation in ROS_NAMES:
         if position in pose and orientation in pose:
             parts = (pose[position], "xyz"), (pose[orientation], "wxyz")
