@@ -139,7 +139,8 @@ def run_page(
     Raises:
         GuideError: a block fails, or prints something else than the page says.
     """
-    environment = _environment(folder.with_name(folder.name + "_bin"))
+    programs = folder.with_name(folder.name + "_bin")
+    _write_programs(programs)
     printed, shown = None, {}
     for block in blocks(page):
         if "file" in block.marks:
@@ -150,7 +151,7 @@ def run_page(
             printed = None
             if slow or "slow" not in block.marks:
                 start = time.monotonic()
-                printed = _run(block, folder, environment)
+                printed = _run(block, folder, programs)
                 report(f"{block.where}: {time.monotonic() - start:.1f} s")
         elif "output" in block.marks and printed is not None:
             shown[block] = _lines(printed, block.marks["output"])
@@ -177,13 +178,15 @@ def write_outputs(page: Path, shown: dict[Block, str]) -> None:
     page.write_text(text)
 
 
-def _run(block: Block, folder: Path, environment: dict[str, str]) -> str:
-    command = ["bash", "-euo", "pipefail", "-s"] if block.language == "bash" else [sys.executable, "-"]
+def _run(block: Block, folder: Path, programs: Path) -> str:
+    script = programs / ("block.sh" if block.language == "bash" else "block.py")
+    script.write_text(block.program())  # a file, for Python starts further processes from it
+    command = ["bash", "-euo", "pipefail"] if block.language == "bash" else [sys.executable]
     done = subprocess.run(
-        command,
-        input=block.program(),
+        [*command, str(script)],
         cwd=folder,
-        env=environment,
+        env=_environment(programs),
+        stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -195,15 +198,18 @@ def _run(block: Block, folder: Path, environment: dict[str, str]) -> str:
     return done.stdout
 
 
-def _environment(folder: Path) -> dict[str, str]:
-    """That of this process, in which `icgnet` and `python` are those that run this."""
+def _write_programs(folder: Path) -> None:
+    """`icgnet` and `python`, as they are typed: those that run this."""
     folder.mkdir(exist_ok=True)
     python = shlex.quote(sys.executable)
     for name, words in (("icgnet", f"{python} -m icgnet.cli.main"), ("python", python)):
         program = folder / name
         program.write_text(f'#!/bin/sh\nexec {words} "$@"\n')
         program.chmod(0o755)
-    path = os.pathsep.join((str(folder), str(Path(sys.executable).parent), os.environ.get("PATH", "")))
+
+
+def _environment(programs: Path) -> dict[str, str]:
+    path = os.pathsep.join((str(programs), str(Path(sys.executable).parent), os.environ.get("PATH", "")))
     sources = os.pathsep.join(filter(None, (str(ROOT / "src"), os.environ.get("PYTHONPATH"))))
     plain = {"COLUMNS": "120", "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "Agg", "ICGNET_ROOT": str(ROOT)}
     return {**os.environ, **plain, "PATH": path, "PYTHONPATH": sources}

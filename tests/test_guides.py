@@ -9,12 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-import numpy as np
 import pytest
-from PIL import Image
 
-from icgnet.benchmark.labelled_frames import find_frames, read_frame
 from icgnet.cli.main import parse
 
 ROOT = Path(__file__).parent.parent
@@ -109,51 +105,6 @@ not: run
 def test_a_page_that_is_not_true_is_named(tmp_path, text, message):
     with pytest.raises(guides.GuideError, match=f"(?s){message}"):
         run(tmp_path, text)
-
-
-def code_of(page: str, name: str) -> str:
-    """The block of a guide that is to be saved under a name."""
-    (block,) = [each for each in guides.blocks(guides.GUIDES / f"{page}.md") if each.marks.get("file") == name]
-    return block.code
-
-
-@pytest.fixture
-def frames(tmp_path) -> Path:
-    depth = np.full((40, 60), 700, np.uint16)
-    Image.fromarray(depth).save(tmp_path / "a_depth.png")
-    (tmp_path / "camera.json").write_text(json.dumps({"K": [[60, 0, 30], [0, 60, 20], [0, 0, 1]], "depth_scale": 1000}))
-    return tmp_path
-
-
-def test_clicks_are_asked_for_and_read_again(frames, monkeypatch):
-    clicked = iter([[(3.2, 4.9), (5.0, 6.0)], [(20.0, 21.0)], [], [(40.0, 30.0)], []])
-    typed = iter(["mug", "y", "box", "n"])
-    monkeypatch.setattr(plt, "ginput", lambda n, timeout: next(clicked))
-    monkeypatch.setattr("builtins.input", lambda text: next(typed))
-    monkeypatch.setattr(sys, "argv", ["click.py", str(frames / "a_depth.png")])
-    exec(code_of("real_captures", "click.py"), {"__name__": "__main__"})
-    frame = read_frame(find_frames(frames)[0])
-    assert [(each.class_name, each.graspable) for each in frame.clicks.objects] == [("mug", True), ("box", False)]
-    np.testing.assert_array_equal(frame.clicks.objects[0].clicks, [[3, 5], [5, 6]])
-    np.testing.assert_array_equal(frame.clicks.support, [[40, 30]])
-    assert len(frame.clicks.background) == 0
-
-
-def test_outlines_of_labelme_become_labels(frames):
-    outline = [[10, 10], [20, 10], [20, 20], [10, 20]]
-    shapes = [
-        {"label": "mug1", "points": outline, "shape_type": "polygon"},
-        {"label": "mug1", "points": (np.array(outline) + [20, 0]).tolist(), "shape_type": "polygon"},
-        {"label": "box1", "points": (np.array(outline) + [0, 15]).tolist(), "shape_type": "polygon"},
-    ]
-    drawn = {"imageWidth": 60, "imageHeight": 40, "shapes": shapes, "imagePath": "a_color.png"}
-    (frames / "a_color.json").write_text(json.dumps(drawn))
-    (frames / "labels.py").write_text(code_of("real_captures", "labels.py"))
-    subprocess.run([sys.executable, "labels.py", "a_color.json"], cwd=frames, check=True)
-    frame = read_frame(find_frames(frames)[0])
-    assert frame.labels.max() == 2
-    assert frame.labels[15, 15] == frame.labels[15, 35] != frame.labels[30, 15] > 0
-    assert frame.labels[5, 5] == 0
 
 
 def test_the_docs_site_is_built_without_a_warning(tmp_path):

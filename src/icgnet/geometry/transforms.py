@@ -130,7 +130,7 @@ def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
         pose = np.reshape(pose, (4, 4))
     elif shape in ((1, 7), (7, 1)):  # as text files hold them
         pose = np.reshape(pose, 7)
-    elif shape != (4, 4) and shape != (7,):
+    elif len(shape) != 2 and shape != (7,):
         raise InputError(f"{name} must be {POSE_FORMS}, got {described(pose)}")
     if np.shape(pose) == (7,):
         numbers = real_array(pose, name, (7,))
