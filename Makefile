@@ -3,7 +3,7 @@
 # make fuzz   10,000 strange calls, each of which must be answered or refused in one line
 # make check  formatting, lint and types
 # make docs   the docs site, in site/; broken links and anchors fail
-# make guides every block of code of the guides, as it is written (an hour or less)
+# make guides every block of code of the guides, as it is written, small; slow
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
