@@ -46,6 +46,7 @@ MAY_IMPORT = {
     "inference": {"foundation", "geometry", "grasping", "objects", "network"},
     "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
     "arm": {"foundation", "geometry", "grasping", "inference"},
+    "camera_calibration": {"foundation", "geometry"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
     "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
     "client": {"foundation"},
@@ -73,6 +74,7 @@ AT_HOME = {
     "coal": {"arm"},
     "frankik": {"arm"},
     "roboplan": {"arm"},
+    "cv2": {"camera_calibration"},
     "fastapi": {"service"},
     "starlette": {"service"},
     "uvicorn": {"service"},
@@ -143,6 +145,10 @@ def test_every_global_name_is_defined(module):
     name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
     if "arm" in module.parts or module.stem == "pick_picture":
         pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
+    if "camera_calibration" in module.parts:
+        pytest.importorskip(
+            "icgnet.camera_calibration.libraries", reason="needs icgnet[calibrate]", exc_type=MissingExtraError
+        )
     known = {*vars(importlib.import_module(name)), *vars(builtins)}
     codes = [compile((PACKAGE / module).read_text(), str(module), "exec")]
     for code in codes:

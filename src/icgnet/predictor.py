@@ -19,7 +19,7 @@ from icgnet.geometry.transforms import check_pose
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper, load_gripper
 from icgnet.grasping.selection import ranked
-from icgnet.inference.background import is_background
+from icgnet.inference.background import without_background
 from icgnet.inference.budget import Budget, Clock
 from icgnet.inference.candidates import keep_free, score_contacts, seen_contacts, surface_contacts
 from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
@@ -201,7 +201,7 @@ class Predictor:
         if pose is not None:
             cloud = cloud.transformed(pose, frame)
         chosen = None if allowed is None else allowed[rows]
-        return self._predict(cloud, pose is not None, height, rows, image.shape, chosen)
+        return self._predict(cloud, pose is not None, height, rows, image.shape, chosen, 1.0 / abs(K[0, 0] * K[1, 1]))
 
     def _predict(
         self,
@@ -211,8 +211,9 @@ class Predictor:
         input_rows: Int[np.ndarray, "n"],
         input_shape: tuple[int, ...],
         mask: Bool[np.ndarray, "n"] | None,
+        solid_angle: float | None = None,
     ) -> Prediction:
-        """Objects and grasps in a checked cloud.
+        """Objects and grasps in a checked cloud; of a picture, `solid_angle` is that of a pixel [sr].
 
         Paper: inference as in "Method" and "Grasp Selection and Reconstruction".
         """
@@ -225,12 +226,7 @@ class Predictor:
         scene, points_left_out = encode(self.network, tabletop, self.in_bfloat16)
         made_out = [] if scene is None else find_instances(scene, tabletop)
         points = tabletop.cloud.points
-        # Of a scene whose table is known, everything above it is meant to be an object.
-        found = [
-            item
-            for item in made_out
-            if tabletop.support is None or not is_background(points[item.rows], item.score, len(points))
-        ]
+        found = without_background(made_out, tabletop, solid_angle)
         left_out = {
             "points": points_left_out,
             "objects": max(0, len(found) - MOST_OBJECTS),

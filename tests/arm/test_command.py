@@ -45,6 +45,30 @@ def test_a_plan_is_printed_written_and_drawn(folder, capsys):
     assert (pixels < 200).any(axis=2).mean() > 0.01
 
 
+def test_a_plan_is_shown_in_the_browser(folder, capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr("icgnet.viewer.pick_web.PickViewer.wait", lambda viewer: (shown.append(viewer), viewer.stop()))
+    assert main(["pick", "seen", "--arm", "arm.yaml", "--drop", "-0.05", "0.5", "0.2", "--view"]) == 0
+    assert main(["view", "pick", "--port", "8123"]) == 0
+    assert capsys.readouterr().out.count("in a browser; stop with Ctrl-C") == 2
+    assert [viewer.motion.title for viewer in shown] == ["object 0", "object 0"]
+    assert all(any(part.moves for part in viewer.motion.parts if part.kind == "arm") for viewer in shown)
+
+
+def test_a_plan_that_was_not_found_cannot_be_viewed(folder, capsys):
+    (folder / "empty").mkdir()
+    (folder / "empty" / "plan.json").write_text("{}")
+    assert main(["view", "empty"]) == 2
+    assert "holds a plan without motion.npz: nothing was found" in capsys.readouterr().err
+
+
+def test_joints_are_for_a_camera_on_the_arm(folder, capsys):
+    (folder / "eye.yaml").write_text(yaml.safe_dump({"T_base_camera": [0.4, 0.1, 0.7, 0.0, 1.0, 0.0, 0.0]}))
+    command = ["pick", "seen", "--drop", "0.1", "0.4", "0.2", "--hand-eye", "eye.yaml", "--joints", "0", "0"]
+    assert main(command) == 2
+    assert "--joints is for a camera on the arm" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -9,6 +9,7 @@ import yaml
 import needs_arm  # noqa: F401
 from icgnet.arm.hand_eye import HandEye
 from icgnet.errors import DataError, InputError
+from icgnet.geometry.transforms import check_pose
 
 POSE = [0.4, 0.1, 0.7, 0.0, 1.0, 0.0, 0.0]
 
@@ -29,11 +30,39 @@ def test_a_camera_on_the_arm_moves_with_it(tmp_path, fr3):
     np.testing.assert_allclose(pose, fr3.mount_pose(fr3.home) @ T_tool_camera, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["eye.yaml", "eye.json"])
+@pytest.mark.parametrize(
+    "eye",
+    [
+        HandEye(T_base_camera=check_pose(POSE, "pose")),
+        HandEye(T_tool_camera=np.eye(4)),
+        HandEye(T_tool_camera=np.eye(4), joints=np.array([0.1, 0.2])),
+    ],
+)
+def test_what_is_written_is_read_back(tmp_path, name, eye):
+    eye.write(tmp_path / name, ["a note"])
+    again = HandEye.read(tmp_path / name)
+    for entry in ("T_base_camera", "T_tool_camera", "joints"):
+        first, second = getattr(eye, entry), getattr(again, entry)
+        assert (first is None) == (second is None)
+        np.testing.assert_allclose(first if first is not None else 0.0, second if second is not None else 0.0)
+
+
+def test_a_file_of_another_kind_is_not_written(tmp_path):
+    with pytest.raises(InputError, match=r"a hand-eye file ends in .yaml, .yml, .json, got 'eye.txt'"):
+        HandEye(T_tool_camera=np.eye(4)).write(tmp_path / "eye.txt")
+
+
+def test_a_camera_on_the_arm_needs_the_joints_of_the_picture(fr3):
+    with pytest.raises(InputError, match="the camera is on the arm: give --joints"):
+        HandEye(T_tool_camera=np.eye(4)).pose(fr3)
+
+
 @pytest.mark.parametrize(
     ("entries", "message"),
     [
         ({}, "must hold T_base_camera"),
-        ({"T_tool_camera": POSE}, "and joints"),
+        ({"joints": [0.0] * 7}, "T_tool_camera and perhaps joints"),
         ({"T_base_camera": POSE, "joints": [0.0] * 7}, "must hold T_base_camera"),
         ({"T_base_camera": [400.0, 100.0, 700.0, 0, 1, 0, 0]}, "looks like millimetres"),
         ({"T_base_camera": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "right-handed"),

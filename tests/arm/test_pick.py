@@ -92,6 +92,35 @@ def test_a_placed_object_stands_where_it_was_asked_for(fr3, seen):
     np.testing.assert_allclose(left.mesh.bounds, mesh.bounds, atol=1e-3)
 
 
+def on_table(prediction, lower, upper):
+    """The same prediction with the table measured in a rectangle."""
+    x, y = np.meshgrid(np.linspace(lower[0], upper[0], 30), np.linspace(lower[1], upper[1], 30))
+    points = np.concatenate([prediction.cloud.points, np.stack([x, y, np.full_like(x, 0.05)], axis=-1).reshape(-1, 3)])
+    return replace(
+        prediction,
+        cloud=replace(prediction.cloud, points=points),
+        cloud_instances=np.concatenate([prediction.cloud_instances, np.full(x.size, -1)]),
+        input_rows=np.arange(len(points)),
+        input_shape=(len(points),),
+    )
+
+
+def test_an_object_falls_into_a_box_beside_the_table_that_stands_lower(fr3, seen):
+    scene, box_beside = on_table(seen([box(CUBOID)]), (-0.1, -0.1), (0.4, 0.4)), np.array([0.3, 0.4, -0.25])
+    plan = plan_pick(scene, fr3, T_BASE_FRAME, box_beside, PickSettings(drop_above=0.08))
+    mesh = carried_at(plan, fr3, plan.phases[4].trajectory.positions[-1])
+    lower, upper = mesh.bounds
+    np.testing.assert_allclose((lower + upper)[:2] / 2, box_beside[:2], atol=1e-3)
+    assert lower[2] == pytest.approx(0.08, abs=1e-3)
+    assert replay(plan, fr3).is_kept
+
+
+def test_a_drop_off_inside_of_the_table_is_refused_however_high_the_object_falls_from(fr3, seen):
+    scene = on_table(seen([box(CUBOID)]), (-0.1, -0.1), (0.4, 0.8))
+    with pytest.raises(InputError, match=r"it is 0\.250 m below it, and not beside what is seen of it"):
+        plan_pick(scene, fr3, T_BASE_FRAME, np.array([0.3, 0.4, -0.25]), PickSettings(drop_above=0.08))
+
+
 def test_the_same_seed_gives_the_same_plan(fr3, seen, plain):
     meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
     again = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
@@ -198,6 +227,8 @@ def test_wrong_input_is_one_line(fr3, seen, changes, message):
         ({"margin": 0.0}, "margin must be at least 0.001"),
         ({"lift": 0.5}, "lift must be at least 0.02 and at most 0.2"),
         ({"speed": 0.0}, "speed must be at least 0.01"),
+        ({"drop_above": -0.1}, "drop_above must be at least 0 and at most 1"),
+        ({"drop_above": 0.1, "release": "place"}, "drop_above is for release drop"),
     ],
 )
 def test_wrong_settings_are_refused(values, message):

@@ -38,3 +38,11 @@ def test_a_low_speck_is_no_object_and_a_high_one_is():
     assert is_background(low, 0.99, 100_000)
     assert not is_background(high, 0.99, 100_000)
     assert not is_background(low, 0.99, 19_200)
+
+
+def test_what_lies_along_the_line_of_sight_is_a_smear_and_what_faces_the_camera_is_not():
+    spread = slab(0.06, 0.04, 0.03)[:200]
+    assert is_background(spread, 0.99, 100_000, covered=0.0004)
+    assert not is_background(spread, 0.99, 100_000, covered=0.0012)
+    assert not is_background(spread, 0.99, 100_000)
+    assert not is_background(slab(0.25, 0.2, 0.15), 0.99, 100_000, covered=0.004)  # a large thing with holes

@@ -113,13 +113,16 @@ class Arm:
         """How the mount's link moves with the joints, in its own frame: three rows of translation, three of turning."""
         return np.array(pin.computeFrameJacobian(self.model, self.data, joints, self._mount, pin.LOCAL))
 
+    def link_poses(self, joints: Float[np.ndarray, "j"]) -> Float[np.ndarray, "l 4 4"]:
+        """Poses of the collision shapes of the links in the frame of the base."""
+        pin.forwardKinematics(self.model, self.data, joints)
+        placed = [self.data.oMi[shape.joint] * shape.placement for shape in self.link_shapes]
+        return np.array([each.homogeneous for each in placed]).reshape(-1, 4, 4)
+
     def link_meshes(self, joints: Float[np.ndarray, "j"]) -> list[trimesh.Trimesh]:
         """The collision shapes of the links, convex, in the frame of the base [m]."""
-        pin.forwardKinematics(self.model, self.data, joints)
-        return [
-            shape.mesh.copy().apply_transform(np.array((self.data.oMi[shape.joint] * shape.placement).homogeneous))
-            for shape in self.link_shapes
-        ]
+        poses = self.link_poses(joints)
+        return [shape.mesh.copy().apply_transform(T) for shape, T in zip(self.link_shapes, poses, strict=True)]
 
     @cached_property
     def link_pairs(self) -> tuple[tuple[int, int], ...]:

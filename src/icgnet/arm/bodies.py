@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
+from scipy.spatial import Delaunay, QhullError
 
 from icgnet.arm.libraries import coal
 from icgnet.arm.settings import Source
@@ -101,6 +102,21 @@ def _background(prediction: Prediction, T_base_frame: Float[np.ndarray, "4 4"]) 
         return ()
     mesh = cubes_around(points, BACKGROUND_CELL, FEWEST_POINTS)
     return (CollisionBody(BACKGROUND, mesh.apply_transform(T_base_frame), from_points=True),) if len(mesh.faces) else ()
+
+
+def is_over_support(prediction: Prediction, place: Float[np.ndarray, "2"]) -> bool:
+    """Whether a place lies within the convex outline of what was measured of the support and of what stands on it.
+
+    Args:
+        prediction: of the scene.
+        place: x and y in the frame of the table [m].
+    """
+    on_table = transform_points(invert_transform(prediction.T_frame_table), prediction.cloud.points)
+    belongs = (np.abs(on_table[:, 2] - TABLE_HEIGHT) < ABOVE_SUPPORT) | (prediction.cloud_instances != NO_INSTANCE)
+    try:
+        return bool(Delaunay(on_table[belongs, :2]).find_simplex(place) >= 0)
+    except (QhullError, ValueError):  # too few points to enclose anything
+        return False
 
 
 def cubes_around(points: Float[np.ndarray, "n 3"], edge: float, fewest: int = 1) -> trimesh.Trimesh:

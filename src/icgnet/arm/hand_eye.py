@@ -1,20 +1,25 @@
 """Where the camera is: the file that `--hand-eye` takes."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 from jaxtyping import Float
 
-from icgnet.arm.arm import Arm
 from icgnet.errors import DataError, InputError
+from icgnet.files import write_text
 from icgnet.geometry.arrays import described
 from icgnet.geometry.transforms import check_pose
 
+if TYPE_CHECKING:  # reading and writing the file needs no package for arms
+    from icgnet.arm.arm import Arm
+
 BASE_CAMERA, TOOL_CAMERA, JOINTS = "T_base_camera", "T_tool_camera", "joints"
+SUFFIXES = (".yaml", ".yml", ".json")
 LARGEST_FILE = 100_000
 """Size of a hand-eye file at most [bytes]."""
 FARTHEST_CAMERA, FARTHEST_ON_TOOL = 5.0, 0.5
@@ -28,7 +33,8 @@ class HandEye:
     Attributes:
         T_base_camera: pose of a camera that stands beside the arm, OpenCV axes; None for one on the arm.
         T_tool_camera: pose of a camera on the arm, in the frame of the link that the hand is mounted on.
-        joints: of the arm when the picture was taken [rad]; only with a camera on the arm.
+        joints: of the arm when the picture was taken [rad]; only with a camera on the arm. None if they are said
+            elsewhere.
     """
 
     T_base_camera: Float[np.ndarray, "4 4"] | None = None
@@ -37,7 +43,7 @@ class HandEye:
 
     @staticmethod
     def from_dict(entries: Any) -> "HandEye":
-        """The entries of a hand-eye file: `T_base_camera`, or `T_tool_camera` and `joints`.
+        """The entries of a hand-eye file: `T_base_camera`, or `T_tool_camera` and perhaps `joints`.
 
         A pose is a 4 x 4 matrix or the seven numbers x y z [m] qw qx qy qz.
 
@@ -47,16 +53,18 @@ class HandEye:
         names = set(entries) if isinstance(entries, dict) else set()
         if names == {BASE_CAMERA}:
             return HandEye(T_base_camera=_pose(entries[BASE_CAMERA], BASE_CAMERA, FARTHEST_CAMERA))
-        if names == {TOOL_CAMERA, JOINTS}:
+        if names in ({TOOL_CAMERA}, {TOOL_CAMERA, JOINTS}):
             pose = _pose(entries[TOOL_CAMERA], TOOL_CAMERA, FARTHEST_ON_TOOL)
+            if JOINTS not in names:
+                return HandEye(T_tool_camera=pose)
             try:
                 return HandEye(T_tool_camera=pose, joints=np.array(entries[JOINTS], float).reshape(-1))
             except (TypeError, ValueError) as error:
                 raise InputError(f"{JOINTS} must be numbers [rad], got {described(entries[JOINTS])}") from error
         got = ", ".join(sorted(map(str, names))) if names else described(entries)
         raise InputError(
-            f"must hold {BASE_CAMERA} (a camera beside the arm), or {TOOL_CAMERA} and {JOINTS} (a camera on the arm, "
-            f"and its joints in the picture), got {got}"
+            f"must hold {BASE_CAMERA} (a camera beside the arm), or {TOOL_CAMERA} and perhaps {JOINTS} (a camera on "
+            f"the arm, and its joints in the picture), got {got}"
         )
 
     @staticmethod
@@ -81,15 +89,35 @@ class HandEye:
         except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:
             raise DataError(f"hand-eye file {file} cannot be read: {str(error).splitlines()[0][:200]}") from error
 
-    def pose(self, arm: Arm) -> Float[np.ndarray, "4 4"]:
+    def write(self, path: Path, notes: Sequence[str] = ()) -> None:
+        """Writes the file, with notes as comments if it is YAML, and not JSON.
+
+        Raises:
+            InputError: the name ends otherwise.
+            DataError: the system cannot write.
+        """
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"a hand-eye file ends in {', '.join(SUFFIXES)}, got {path.name!r}")
+        values = {BASE_CAMERA: self.T_base_camera, TOOL_CAMERA: self.T_tool_camera, JOINTS: self.joints}
+        entries = {name: value.round(9).tolist() for name, value in values.items() if value is not None}
+        if path.suffix.lower() == ".json":
+            text = json.dumps(entries, indent=1) + "\n"
+        else:
+            text = "".join(f"# {note}\n" for note in notes) + yaml.safe_dump(entries, default_flow_style=None)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, text)
+
+    def pose(self, arm: "Arm") -> Float[np.ndarray, "4 4"]:
         """T_base_camera when the picture was taken.
 
         Raises:
-            InputError: the joints are not those of this arm.
+            InputError: a camera on the arm whose joints nobody told, or joints that are not those of this arm.
         """
         if self.T_base_camera is not None:
             return self.T_base_camera
         assert self.T_tool_camera is not None
+        if self.joints is None:
+            raise InputError("the camera is on the arm: give --joints, its joint positions in the picture")
         return arm.mount_pose(arm.check_joints(self.joints, JOINTS)) @ self.T_tool_camera
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from icgnet.arm.arm import Arm
-from icgnet.arm.bodies import CollisionBody, bodies_of, object_name
+from icgnet.arm.bodies import CollisionBody, bodies_of, is_over_support, object_name
 from icgnet.arm.kinematics import LINE_STEP, Solver, make_solver, straight_line
 from icgnet.arm.paths import PathFinder
 from icgnet.arm.plan import Phase, PickPlan, Refusal
@@ -67,7 +67,7 @@ def plan_pick(
         arm: the arm; its hand is that of the prediction.
         T_base_frame: pose of the prediction's frame in that of the arm's base.
         drop: [3] where the object is let go of, in the frame of the base [m]: its lowest point is then at this height,
-            and its middle above this place.
+            or above it (`PickSettings.drop_above`), and its middle above this place.
         settings: how to plan.
         start: joint positions from which the arm starts and to which it returns [rad]; home if None.
 
@@ -120,11 +120,8 @@ class _Planner:
         self.clock = Clock()
         self.arm, self.gripper, self.settings = arm, prediction.gripper, settings
         self.grasps = prediction.grasps.transformed(T_base_frame)
+        drop = _let_go_at(drop, prediction, T_base_frame, settings.drop_above)
         self.drop, self.start = drop, start
-        T_table_base = invert_transform(T_base_frame @ prediction.T_frame_table)
-        height = float(transform_points(T_table_base, drop[None])[0, 2]) - TABLE_HEIGHT
-        if height < 0.0:
-            raise InputError(f"drop must be above the support, but it is {-height:.3f} m below it")
         away = float(np.linalg.norm(drop - arm.shoulder))
         reach = float(arm.reaches[0] + np.linalg.norm(arm.T_mount_grasp(self.gripper)[:3, 3]))
         if away > reach:
@@ -349,20 +346,19 @@ class _Planner:
         target |= frozenset(Meeting(HAND, name) for name in holding.absent)
         closing = Load(holding.low, opened.high, untested=target)
         opening = replace(after, low=holding.low, untested=leaving.untested)
-        line_speed, speed = settings.line_speed, settings.speed
         phases = [
-            self._moving("reach", there, opened, speed, NO_REACH),
-            self._line("approach", reach.back[::-1], opened, line_speed, NO_LINE),
+            self._moving("reach", there, opened, NO_REACH),
+            self._moving("approach", reach.back[::-1], opened, NO_LINE, straight=True),
             self._fingers("close", reach.joints, closing, holding.low),
-            self._line("lift", reach.lift, replace(holding, untested=touching), line_speed, NO_LIFT),
-            self._moving("carry", carry, holding, speed, NO_CARRY),
+            self._moving("lift", reach.lift, replace(holding, untested=touching), NO_LIFT, straight=True),
+            self._moving("carry", carry, holding, NO_CARRY),
         ]
         if settings.release == "place":
-            phases.append(self._line("lower", lowered, holding, line_speed, NO_LOWER))
+            phases.append(self._moving("lower", lowered, holding, NO_LOWER, straight=True))
         phases.append(self._fingers("release", released, opening, opened.high, left))
         if settings.release == "place":
-            phases.append(self._line("leave", out, leaving, line_speed, NO_LEAVE, left))
-        phases.append(self._moving("return", home, after, speed, NO_RETURN, left))
+            phases.append(self._moving("leave", out, leaving, NO_LEAVE, left, straight=True))
+        phases.append(self._moving("return", home, after, NO_RETURN, left))
         self.clock.lap("trajectories")
         return tuple(phases)
 
@@ -461,42 +457,24 @@ class _Planner:
         name: str,
         way: Float[np.ndarray, "n j"],
         load: Load,
-        speed: float,
         reason: str,
         left: Sequence[CollisionBody] = (),
+        straight: bool = False,
     ) -> Phase:
-        """A phase along a way through joint space, its corners rounded as far as nothing is met.
+        """A phase along waypoints: its corners rounded as far as nothing is met, or a straight line of the hand.
 
         Raises:
             _RefusedError: it meets something even with sharp corners.
         """
-        checker = self._checker(load, left)
-        for deviation in DEVIATIONS:
-            trajectory = self.timing.along(way, deviation, speed)
-            phase = _tested(name, trajectory, load, checker, self.settings.margin)
+        settings, checker = self.settings, self._checker(load, left)
+        deviations, speed, margin = DEVIATIONS, settings.speed, settings.margin
+        if straight:
+            deviations, speed, margin = (LINE_DEVIATION,), settings.line_speed, 0.0
+        for deviation in deviations:
+            phase = _tested(name, self.timing.along(way, deviation, speed), load, checker, margin)
             if phase is not None:
                 return replace(phase, extra=tuple(left))
         raise _RefusedError(reason)
-
-    def _line(
-        self,
-        name: str,
-        line: Float[np.ndarray, "n j"],
-        load: Load,
-        speed: float,
-        reason: str,
-        left: Sequence[CollisionBody] = (),
-    ) -> Phase:
-        """A phase along a straight line.
-
-        Raises:
-            _RefusedError: it meets something.
-        """
-        trajectory = self.timing.along(line, LINE_DEVIATION, speed)
-        phase = _tested(name, trajectory, load, self._checker(load, left), 0.0)
-        if phase is None:
-            raise _RefusedError(reason)
-        return replace(phase, extra=tuple(left))
 
     def _fingers(
         self, name: str, joints: Float[np.ndarray, "j"], load: Load, end: float, left: Sequence[CollisionBody] = ()
@@ -511,6 +489,28 @@ class _Planner:
         if phase is None:
             raise _RefusedError(_told(checker.meetings(joints)[0]))
         return replace(phase, opening=end, extra=tuple(left))
+
+
+def _let_go_at(
+    drop: Float[np.ndarray, "3"], prediction: Prediction, T_base_frame: Float[np.ndarray, "4 4"], above: float | None
+) -> Float[np.ndarray, "3"]:
+    """Where the lowest point of the object is when it is let go of: at the drop-off, or over one that lies lower.
+
+    Raises:
+        InputError: the drop-off is inside of the support, or below it and nobody said how high to fall from.
+    """
+    T_base_table = T_base_frame @ prediction.T_frame_table
+    on_table = transform_points(invert_transform(T_base_table), drop[None])[0]
+    depth = TABLE_HEIGHT - float(on_table[2])
+    if depth <= 0.0:
+        return drop
+    message = f"drop must be above the support, but it is {depth:.3f} m below it"
+    if above is None:
+        raise InputError(f"{message}; for a box that stands lower, beside the support, give drop_above")
+    if is_over_support(prediction, on_table[:2]):
+        raise InputError(f"{message}, and not beside what is seen of it")
+    on_table[2] = TABLE_HEIGHT + above
+    return transform_points(T_base_table, on_table[None])[0]
 
 
 def _tested(name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float) -> Phase | None:

@@ -48,6 +48,15 @@ class Phase:
         """Whether the fingers move and not the arm."""
         return self.load.low != self.load.high
 
+    @property
+    def caption(self) -> str:
+        """Its name, and how near what comes to what."""
+        return (
+            self.name
+            if self.nearest is None
+            else f"{self.name}, {1e3 * self.clearance:.0f} mm from {self.nearest.body}"
+        )
+
 
 @dataclass(frozen=True)
 class Refusal:

@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from icgnet.errors import InputError
 from icgnet.settings import check_choices, check_range
 
 Source = Literal["shapes", "points"]
 FARTHEST_BACK, HIGHEST_LIFT = 0.16, 0.2
 """How far the straight line before a grasp and the one after it may go [m]."""
+HIGHEST_FALL = 1.0
+"""Nothing is dropped from higher above the support [m]."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,9 @@ class PickSettings:
     """What objects are for the arm: their predicted shapes, or no more than their measured points."""
     release: Literal["drop", "place"] = "drop"
     """Whether the object falls from the drop-off point, or is lowered onto it."""
+    drop_above: float | None = None
+    """For a drop-off that is lower than the support, beside it (a box on the floor): the object falls from this height
+    above the support [m]. If not given, such a place is refused."""
     check_carried: bool = True
     """Whether the predicted shape of the carried object must meet nothing."""
     margin: float = 0.005
@@ -38,6 +44,9 @@ class PickSettings:
     def __post_init__(self) -> None:
         check_choices(self)
         check_range(self, 0.001, "margin", most=0.05)
+        check_range(self, 0.0, "drop_above", most=HIGHEST_FALL)
+        if self.drop_above is not None and self.release == "place":
+            raise InputError("drop_above is for release drop: below the support nothing can be placed")
         check_range(self, 0.02, "approach", most=FARTHEST_BACK)
         check_range(self, 0.02, "lift", most=HIGHEST_LIFT)
         check_range(self, 0.01, "speed", "line_speed", most=1.0)

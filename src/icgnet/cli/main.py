@@ -17,6 +17,10 @@ COMMANDS = {
     "demo": ("demo:Demo", "Find objects and grasps in the depth images that ship with the package."),
     "predict": ("predict:Predict", "Find objects and grasps in a depth image or a cloud."),
     "pick": ("pick:Pick", "Plan how an arm picks an object up, carries it and lets go of it."),
+    "calibrate-camera": (
+        "calibrate_camera:CalibrateCamera",
+        "Find where a camera is, on an arm or beside it, from pictures of a printed board.",
+    ),
     "view": ("view:View", "Look at a saved prediction in the browser."),
     "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),

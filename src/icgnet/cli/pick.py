@@ -1,7 +1,7 @@
 """`icgnet pick`: a plan for an arm."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +11,7 @@ from rich.table import Table
 
 from icgnet.arm.settings import PickSettings
 from icgnet.cli.notices import print_notice
+from icgnet.cli.view import View
 from icgnet.errors import InputError
 from icgnet.output_folder import check_replaceable, output_folder
 
@@ -37,8 +38,11 @@ class Pick:
     drop: tuple[float, float, float]
     """Where the object is let go of: its lowest point, x y z in the world [m]."""
     hand_eye: Path | None = None
-    """YAML or JSON file with T_base_camera, or with T_tool_camera and joints; needed unless INPUT is a saved prediction
-    in the world."""
+    """YAML or JSON file with T_base_camera, or with T_tool_camera, as `icgnet calibrate-camera` writes; needed unless
+    INPUT is a saved prediction in the world."""
+    joints: tuple[float, ...] = ()
+    """Joint positions when the picture was taken [rad], with a camera on the arm; those of the hand-eye file if not
+    given."""
     arm: str = "fr3"
     """Name of an arm or an arm file."""
     object_class: str | None = None
@@ -48,7 +52,9 @@ class Pick:
     start: tuple[float, ...] = ()
     """Joint positions from which the arm starts and to which it returns [rad]; its home if not given."""
     out: Path = Path("pick")
-    """Folder for plan.json, plan.npz and picture.png."""
+    """Folder for plan.json, plan.npz, motion.npz and picture.png."""
+    view: bool = False
+    """Show the pick in the browser at the end; `icgnet view` does so later."""
     intrinsics: tuple[str, ...] = ()
     """fx fy cx cy [pixels], or a JSON, YAML, npz or mat file with the camera matrix."""
     depth_scale: float = 1.0
@@ -83,6 +89,10 @@ class Pick:
 
         arm = Arm.load(self.arm)
         hand_eye = None if self.hand_eye is None else HandEye.read(self.hand_eye)
+        if self.joints:
+            if hand_eye is None or hand_eye.T_tool_camera is None:
+                raise InputError("--joints is for a camera on the arm: give --hand-eye with T_tool_camera")
+            hand_eye = replace(hand_eye, joints=np.array(self.joints))
         prediction, T_base_frame = self._prediction(arm, hand_eye)
         T_base_world = invert_transform(arm.description.T_world_base)
         drop = transform_points(T_base_world, np.array(self.drop))
@@ -93,6 +103,8 @@ class Pick:
         if not plan.is_found:
             raise InputError(_why_not(plan, len(self._chosen(prediction).grasps)))
         console.print(f"written to {self.out}; look at {self.out / PICTURE_FILE}", soft_wrap=True)
+        if self.view:
+            View(self.out).run()
 
     def _prediction(self, arm: "Arm", hand_eye: "HandEye | None") -> tuple["Prediction", object]:
         """What is seen, and the pose of its frame in that of the base."""
@@ -128,12 +140,15 @@ class Pick:
         return prediction if self.instance is None else prediction.of_instance(self.instance)
 
     def _write(self, plan: "PickPlan", arm: "Arm") -> None:
+        from icgnet.arm.animation import motion_of
+        from icgnet.arm.motion import MOTION_FILE
         from icgnet.viewer.pick_picture import pick_panels
         from icgnet.viewer.sheet import draw_sheet
 
         with output_folder(self.out, "plan.json", self.overwrite) as folder:
             plan.write(folder)
             if plan.is_found:
+                motion_of(plan, arm).write(folder / MOTION_FILE)
                 panels = pick_panels(plan, arm)
                 draw_sheet(list(panels.values()), list(panels), folder / PICTURE_FILE, COLUMNS)
 

@@ -111,7 +111,7 @@ def check_transform(transform: Any, name: str) -> Float[np.ndarray, "4 4"]:
 
 
 def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
-    """The pose of a camera as a 4 x 4 matrix.
+    """A pose as a 4 x 4 matrix.
 
     Args:
         pose: 4 x 4 matrix, its 16 numbers row by row, the seven numbers x y z [m] qw qx qy qz of a position and a unit
@@ -140,7 +140,7 @@ def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
         T = make_transform(quaternion_to_matrix(numbers[3:]), numbers[:3])
     else:
         T = check_transform(pose, name)
-    check_near(T[:3, 3], f"{name}: the camera")
+    check_near(T[:3, 3], name)
     return T
 
 

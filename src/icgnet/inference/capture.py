@@ -34,6 +34,9 @@ PLY_HEADER = 65536
 
 POINT_KEYS = ("points", "xyz", "pc", "cloud")
 INTRINSICS_KEYS = ("K", "k", "intrinsics", "intrinsic_matrix", "camera_matrix")
+DISTORTION_KEYS = ("D", "d", "dist", "distortion", "dist_coeffs", "distortion_coefficients")
+DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
+"""Models of ROS whose coefficients are in the order of OpenCV."""
 POSE_KEYS = ("camera_pose", "T_world_camera", "T_base_camera", "pose", "transform")
 FOCAL_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
 
@@ -119,6 +122,31 @@ def read_intrinsics(source: Sequence[str]) -> Float[np.ndarray, "3 3"]:
         return _find_intrinsics(_read_calibration(Path(source[0])), source[0])
     numbers = _numbers(source, 4, "--intrinsics takes fx fy cx cy or one file")
     return _pinhole(numbers)
+
+
+def read_distortion(source: Sequence[str]) -> Float[np.ndarray, "d"]:
+    """Distortion coefficients k1 k2 p1 p2 ... from numbers or from a file; none if a file has none.
+
+    Files are those of `read_intrinsics`, with a list under D, dist, distortion, dist_coeffs or distortion_coefficients.
+
+    Raises:
+        InputError: no numbers, or the coefficients of another model of a lens, such as a fisheye.
+        DataError: the file cannot be read.
+    """
+    try:
+        return np.array([float(value) for value in source])
+    except ValueError:
+        pass
+    if len(source) != 1:
+        raise InputError(f"distortion must be numbers k1 k2 p1 p2 ... or one file, got {reprlib.repr(list(source))}")
+    content = _read_calibration(Path(source[0]))
+    model = str(content.get("distortion_model", DISTORTION_MODELS[0]))
+    if model not in DISTORTION_MODELS:
+        raise InputError(f"{source[0]}: distortion_model must be {' or '.join(DISTORTION_MODELS)}, got {model[:40]!r}")
+    entry = next((content[key] for key in DISTORTION_KEYS if key in content), ())
+    return real_array(
+        np.ravel(entry["data"] if isinstance(entry, dict) else entry), f"distortion in {source[0]}", (None,)
+    )
 
 
 def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:

@@ -4,20 +4,19 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
+from icgnet.arm.animation import motion_of
 from icgnet.arm.arm import Arm
-from icgnet.arm.bodies import SUPPORT, CollisionBody
-from icgnet.arm.plan import Phase, PickPlan
+from icgnet.arm.motion import Motion
+from icgnet.arm.plan import PickPlan
 from icgnet.errors import InputError
-from icgnet.geometry.transforms import invert_transform
-from icgnet.viewer.palette import UNASSIGNED, instance_colour
+from icgnet.viewer.motion_scene import part_colour, support_height
 from icgnet.viewer.picture import SceneDrawing, draw_scene
 from icgnet.viewer.render import TableSurface
-from icgnet.viewer.triangles import Colour, Triangles, join, mesh_triangles, whole_hand_triangles
+from icgnet.viewer.triangles import Triangles, join, mesh_triangles
 from icgnet.viewer.view import framing_view
 
 PANEL = (420, 520)
 """Height and width of one picture [pixels]."""
-ARM_COLOUR, HAND_COLOUR = (0.80, 0.82, 0.85), (0.24, 0.66, 0.30)
 AZIMUTH, ELEVATION = np.deg2rad(-50.0), np.deg2rad(24.0)
 
 
@@ -34,64 +33,39 @@ def pick_panels(plan: PickPlan, arm: Arm, panel: tuple[int, int] = PANEL) -> dic
     """
     if not plan.is_found:
         raise InputError("a plan without phases cannot be drawn")
-    first = plan.phases[0]
-    moments = [("start", first, 0.0)]
-    now = 0.0
-    for phase in plan.phases:
+    names, times = ["start"], [0.0]
+    ends = np.cumsum([phase.trajectory.duration for phase in plan.phases])
+    for phase, end in zip(plan.phases, ends, strict=True):
         if phase.name == "carry":
-            moments.append((f"{now + phase.trajectory.duration / 2:.1f} s, carry, half way", phase, 0.5))
-        now += phase.trajectory.duration
-        moments.append((f"{now:.1f} s, {caption(phase)}", phase, 1.0))
-    drawn = [(name, _moment(plan, arm, phase, share)) for name, phase, share in moments]
-    points = np.concatenate([triangles.corners.reshape(-1, 3) for _, triangles in drawn])
+            times.append(end - phase.trajectory.duration / 2)
+            names.append(f"{times[-1]:.1f} s, carry, half way")
+        times.append(end)
+        names.append(f"{end:.1f} s, {phase.caption}")
+    motion = motion_of(plan, arm, np.array(times))
+    drawn = [_moment(motion, moment) for moment in range(len(times))]
+    points = np.concatenate([triangles.corners.reshape(-1, 3) for triangles in drawn])
     view = framing_view(points, AZIMUTH, ELEVATION, panel, margin=0.04)
-    table = _table(plan, arm, points)
-    return {name: draw_scene(SceneDrawing(triangles, (), view, table), panel) for name, triangles in drawn}
+    table = _table(motion, points)
+    return {
+        name: draw_scene(SceneDrawing(triangles, (), view, table), panel)
+        for name, triangles in zip(names, drawn, strict=True)
+    }
 
 
-def caption(phase: Phase) -> str:
-    """Name of a phase, how near it came to what."""
-    if phase.nearest is None:
-        return phase.name
-    return f"{phase.name}, {1e3 * phase.clearance:.0f} mm from {phase.nearest.body}"
-
-
-def _moment(plan: PickPlan, arm: Arm, phase: Phase, share: float) -> Triangles:
-    """The arm at a share of a phase, with everything around, in the world."""
-    trajectory = phase.trajectory
-    joints = trajectory.at(np.array([share * trajectory.duration]))[0]
-    T_world_base, T_base_grasp = arm.description.T_world_base, arm.grasp_pose(joints, plan.gripper)
-    load = phase.load
-    bodies = [(body, np.eye(4)) for body in (*plan.bodies, *phase.extra) if _stands(body, phase)]
-    if load.carried is not None and load.T_base_gripped is not None:
-        bodies.append((load.carried, T_base_grasp @ invert_transform(load.T_base_gripped)))
-    opening = phase.opening if share == 1.0 else load.high
+def _moment(motion: Motion, moment: int) -> Triangles:
+    """Everything that is there at a moment, in the world."""
+    placed = [(part, part.at(moment)) for part in motion.parts if part.kind != "support"]
     return join(
         [
-            *(mesh_triangles(mesh.apply_transform(T_world_base), ARM_COLOUR) for mesh in arm.link_meshes(joints)),
-            *(
-                mesh_triangles(body.mesh.copy().apply_transform(T_world_base @ moved), _colour(body))
-                for body, moved in bodies
-            ),
-            whole_hand_triangles(plan.gripper, T_world_base @ T_base_grasp, opening, HAND_COLOUR, 1.0),
+            mesh_triangles(part.mesh.copy().apply_transform(pose), part_colour(part))
+            for part, pose in placed
+            if pose is not None
         ]
     )
 
 
-def _stands(body: CollisionBody, phase: Phase) -> bool:
-    carried = None if phase.load.carried is None else phase.load.carried.name
-    return body.name not in {SUPPORT, carried, *phase.load.absent}
-
-
-def _colour(body: CollisionBody) -> Colour:
-    return UNASSIGNED if body.instance < 0 else instance_colour(body.instance)
-
-
-def _table(plan: PickPlan, arm: Arm, points: Float[np.ndarray, "n 3"]) -> TableSurface:
-    """The support under everything, as high as in the middle of its upper side."""
-    support = next(body for body in plan.bodies if body.name == SUPPORT)
-    corners = support.mesh.copy().apply_transform(arm.description.T_world_base).vertices
-    height = float(np.sort(corners[:, 2])[-4:].mean())
+def _table(motion: Motion, points: Float[np.ndarray, "n 3"]) -> TableSurface:
+    """The support under everything."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     x, y = ((lower + upper) / 2)[:2]
-    return TableSurface(height, (float(x), float(y)), 0.7 * float(np.linalg.norm((upper - lower)[:2])))
+    return TableSurface(support_height(motion), (float(x), float(y)), 0.7 * float(np.linalg.norm((upper - lower)[:2])))
