@@ -46,7 +46,7 @@ class Answer:
     Attributes:
         result: the entries of `result.json`, see the guides, and under `service` how long the request waited.
         instance_mask: the instance of every input point or pixel, -1 for none; only with `meshes=True`.
-        meshes: vertices [n 3] [m] and triangles [f 3] by instance_id; only with `meshes=True`.
+        meshes: vertices [n 3] in metres and triangles [f 3] by instance_id; only with `meshes=True`.
     """
 
     result: dict[str, Any]

@@ -171,10 +171,11 @@ def test_folders_without_frames_are_errors(tmp_path):
 GUIDE = Path(__file__).parents[2] / "docs" / "guides" / "real_captures.md"
 
 
-def run_script_of_guide(number: int, monkeypatch, *arguments: str) -> None:
-    script = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(), re.S | re.M)[number]
-    monkeypatch.setattr(sys, "argv", ["script", *arguments])
-    exec(compile(script, f"script {number} of {GUIDE.name}", "exec"), {})
+def run_script_of_guide(name: str, monkeypatch, *arguments: str) -> None:
+    """The script that the guide says to save under a name."""
+    (script,) = re.findall(rf"^<!-- file: {re.escape(name)} -->\n```python\n(.*?)^```", GUIDE.read_text(), re.S | re.M)
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    exec(compile(script, f"{name} of {GUIDE.name}", "exec"), {})
 
 
 def test_the_guide_turns_polygons_into_labels(folder, monkeypatch):
@@ -183,7 +184,7 @@ def test_the_guide_turns_polygons_into_labels(folder, monkeypatch):
     other = {"label": "box", "points": [[100, 80], [120, 80], [120, 100]]}
     drawn = {"imageWidth": 160, "imageHeight": 120, "shapes": [outline, other]}
     (folder / "seen_color.json").write_text(json.dumps(drawn))
-    run_script_of_guide(1, monkeypatch, str(folder / "seen_color.json"))
+    run_script_of_guide("labels.py", monkeypatch, str(folder / "seen_color.json"))
     labels = read(folder)["seen"].labels
     assert (labels[30, 20], labels[85, 115], labels[0, 0]) == (2, 1, 0)
 
@@ -197,7 +198,7 @@ def test_the_guide_asks_for_clicks(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", figure)
     monkeypatch.setattr("matplotlib.pyplot", figure, raising=False)
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
-    run_script_of_guide(0, monkeypatch, str(folder / "seen_depth.png"))
+    run_script_of_guide("click.py", monkeypatch, str(folder / "seen_depth.png"))
     marked = read(folder)["seen"].clicks
     assert [(item.class_name, item.graspable) for item in marked.objects] == [("mug", True), ("box", False)]
     np.testing.assert_array_equal(marked.objects[0].clicks, [[20, 31], [21, 31]])

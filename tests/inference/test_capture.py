@@ -197,6 +197,53 @@ def test_a_pose_of_seven_numbers_is_position_and_quaternion(tmp_path):
         read_camera_pose(["100", "200", "800", "0", "1", "0", "0"])
 
 
+def test_a_file_holds_a_pose_in_any_form_and_under_any_of_its_names(tmp_path):
+    half = 0.5**0.5
+    numbers = [0.1, 0.2, 0.8, half, half, 0.0, 0.0]
+    pose = read_camera_pose(list(map(str, numbers)))
+    ros = {"x": half, "y": 0.0, "z": 0.0, "w": half}
+    position = {"x": 0.1, "y": 0.2, "z": 0.8}
+    files = {
+        "a.json": {"T_base_camera": numbers},
+        "b.json": numbers,
+        "c.json": {"camera_pose": pose.ravel().tolist()},
+        "d.yaml": {"header": {"frame_id": "base"}, "pose": {"position": position, "orientation": ros}},
+        "e.yaml": {"transform": {"translation": position, "rotation": ros}},
+        "f.json": {"position": position, "orientation": ros},
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_text(json.dumps(content))  # JSON is YAML, too
+    (tmp_path / "row.txt").write_text(" ".join(map(str, numbers)))
+    (tmp_path / "column.txt").write_text("\n".join(map(str, numbers)))
+    np.save(tmp_path / "seven.npy", numbers)
+    for name in (*files, "row.txt", "column.txt", "seven.npy"):
+        np.testing.assert_allclose(read_camera_pose([str(tmp_path / name)]), pose, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"pose": {"position": [0, 0, 1], "orientation": {}}}, "position with x, y, z .* and orientation with x, y, z"),
+        ({"pose": {"eye": [0, 0, 1]}}, "must be a 4 x 4 matrix, its 16 numbers .* 7 numbers x y z .* got {'eye'"),
+        ({"pose": [1.0, 2.0, 3.0]}, "must be a 4 x 4 matrix, .*, got .1.0, 2.0, 3.0"),
+        ({"pose": "here"}, "must be a 4 x 4 matrix, .*, got 'here'"),
+        ({"position": {"x": 0, "y": 0, "z": 1}}, "must be a 4 x 4 matrix, .* position and orientation by name"),
+    ],
+)
+def test_a_pose_in_no_known_form_is_one_line(tmp_path, content, message):
+    (tmp_path / "pose.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=message) as error:
+        read_camera_pose([str(tmp_path / "pose.json")])
+    assert "\n" not in str(error.value)
+
+
+def test_an_npz_may_call_the_pose_by_any_of_its_names(tmp_path):
+    np.savez(tmp_path / "view.npz", depth=np.full((48, 64), 0.5, np.float32), K=K, T_world_camera=POSE)
+    capture = read_capture(tmp_path / "view.npz")
+    assert isinstance(capture, DepthCapture)
+    np.testing.assert_array_equal(capture.camera_pose, POSE)
+
+
 def test_arrays_of_text_are_no_capture(tmp_path):
     np.savez(tmp_path / "a.npz", depth=np.full((20, 20), "far"), K=np.eye(3))
     with pytest.raises(InputError, match=r"depth in .*a\.npz must be real numbers"):

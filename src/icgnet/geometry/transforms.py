@@ -1,5 +1,6 @@
 """Rigid transforms as 4 x 4 matrices. `T_a_b` maps coordinates in frame b to frame a; quaternions are wxyz."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -7,10 +8,17 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from icgnet.errors import InputError
-from icgnet.geometry.arrays import check_near, real_array
+from icgnet.geometry.arrays import check_near, described, real_array
 
 UNIT_TOLERANCE = 1e-2
 """Quaternions whose length differs from 1 by more than this are no rotations, or in another order."""
+POSE_FORMS = (
+    "a 4 x 4 matrix, its 16 numbers row by row, 7 numbers x y z [m] qw qx qy qz, or position and orientation by name "
+    "as in ROS"
+)
+"""What a camera's pose may be, for messages."""
+ROS_NAMES = (("position", "orientation"), ("translation", "rotation"))
+"""Entries of geometry_msgs/Pose and geometry_msgs/Transform."""
 
 
 def make_transform(
@@ -106,14 +114,25 @@ def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
     """A pose as a 4 x 4 matrix.
 
     Args:
-        pose: 4 x 4 matrix, or the seven numbers x y z [m] qw qx qy qz of a position and a unit quaternion.
+        pose: 4 x 4 matrix, its 16 numbers row by row, the seven numbers x y z [m] qw qx qy qz of a position and a unit
+            quaternion, or a mapping as ROS writes it: `position` and `orientation`, or `translation` and `rotation`,
+            each with its numbers under x, y, z (and w).
         name: how the caller calls it, for the message.
 
     Raises:
-        InputError: neither of both, see `check_transform`, a quaternion that is not of length 1, or a translation that
+        InputError: none of these, see `check_transform`, a quaternion that is not of length 1, or a translation that
             looks like millimetres.
     """
-    if np.shape(_or_nothing(pose)) == (7,):
+    if isinstance(pose, Mapping):
+        pose = _seven_numbers(pose, name)
+    shape = np.shape(_or_nothing(pose))
+    if shape in ((16,), (1, 16)):
+        pose = np.reshape(pose, (4, 4))
+    elif shape in ((1, 7), (7, 1)):  # as text files hold them
+        pose = np.reshape(pose, 7)
+    elif len(shape) != 2 and shape != (7,):
+        raise InputError(f"{name} must be {POSE_FORMS}, got {described(pose)}")
+    if np.shape(pose) == (7,):
         numbers = real_array(pose, name, (7,))
         length = float(np.linalg.norm(numbers[3:]))
         if not abs(length - 1.0) <= UNIT_TOLERANCE:
@@ -123,6 +142,19 @@ def check_pose(pose: Any, name: str) -> Float[np.ndarray, "4 4"]:
         T = check_transform(pose, name)
     check_near(T[:3, 3], name)
     return T
+
+
+def _seven_numbers(pose: Mapping[Any, Any], name: str) -> list[Any]:
+    """Position [m] and quaternion wxyz of a mapping that has them by name, as seven numbers."""
+    for position, orientation in ROS_NAMES:
+        if position in pose and orientation in pose:
+            parts = (pose[position], "xyz"), (pose[orientation], "wxyz")
+            if all(isinstance(part, Mapping) and set(part) == set(axes) for part, axes in parts):
+                return [part[axis] for part, axes in parts for axis in axes]
+            raise InputError(
+                f"{name} must have {position} with x, y, z [m] and {orientation} with x, y, z, w, got {described(pose)}"
+            )
+    raise InputError(f"{name} must be {POSE_FORMS}, got {described(pose)}")
 
 
 def _or_nothing(value: Any) -> Any:

@@ -19,7 +19,7 @@ from icgnet.errors import DataError, InputError
 from icgnet.geometry.arrays import position, real_array
 from icgnet.geometry.camera import check_intrinsics, metric_depth
 from icgnet.geometry.clouds import PointCloud
-from icgnet.geometry.transforms import check_pose
+from icgnet.geometry.transforms import ROS_NAMES, check_pose
 
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff")
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv")
@@ -37,7 +37,7 @@ INTRINSICS_KEYS = ("K", "k", "intrinsics", "intrinsic_matrix", "camera_matrix")
 DISTORTION_KEYS = ("D", "d", "dist", "distortion", "dist_coeffs", "distortion_coefficients")
 DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 """Models of ROS whose coefficients are in the order of OpenCV."""
-POSE_KEYS = ("camera_pose", "T_world_camera", "pose")
+POSE_KEYS = ("camera_pose", "T_world_camera", "T_base_camera", "pose", "transform")
 FOCAL_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
 
 
@@ -70,7 +70,8 @@ def read_capture(
         intrinsics: four numbers fx fy cx cy, or the name of a file with the camera matrix; needed for a depth image
             unless the npz has it.
         depth_scale: stored depth units per metre.
-        camera_pose: the 16 numbers of T_world_camera row by row, or the name of a file with it.
+        camera_pose: T_world_camera as numbers or the name of a file with it, see `read_camera_pose`; it goes before
+            one in the npz.
         viewpoint: where the camera stood, in the frame of the cloud [m].
 
     Raises:
@@ -151,7 +152,8 @@ def read_distortion(source: Sequence[str]) -> Float[np.ndarray, "d"]:
 def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
     """T_world_camera from 16 numbers, row by row, from 7, x y z [m] qw qx qy qz, or from a file with either.
 
-    Files are npy, txt, JSON, YAML, npz or mat.
+    Files are npy, txt, JSON, YAML, npz or mat, with the pose alone or under one of `POSE_KEYS`; JSON and YAML may name
+    position and orientation as ROS does (see `check_pose`).
 
     Raises:
         InputError: none of these, not a rigid right-handed transform, or not in metres.
@@ -166,10 +168,16 @@ def read_camera_pose(source: Sequence[str]) -> Float[np.ndarray, "4 4"]:
         matrix = _read_arrays(path)["array"]
     else:
         content = _read_calibration(path)
-        matrix = next((content[key] for key in POSE_KEYS if key in content), content.get("matrix"))
+        is_pose = any(position in content for position, _ in ROS_NAMES)
+        matrix = content if is_pose else _find_pose(content)
     if matrix is None:
         raise DataError(f"{path} holds no camera pose under any of {', '.join(POSE_KEYS)}")
     return check_pose(matrix, f"camera pose in {path}")
+
+
+def _find_pose(content: Mapping[str, Any]) -> Any:
+    """The entry of a file that is the camera's pose, if there is one."""
+    return next((content[key] for key in POSE_KEYS if key in content), content.get("matrix"))
 
 
 def _depth_capture(
@@ -188,11 +196,12 @@ def _depth_capture(
         matrix = _find_intrinsics(content, str(path))
     else:
         raise InputError(f"{path} is a depth image without camera matrix: give --intrinsics fx fy cx cy or a file")
+    stored = next((key for key in POSE_KEYS if key in content), None)
     pose = None
     if camera_pose:
         pose = read_camera_pose(camera_pose)
-    elif "camera_pose" in content:
-        pose = check_pose(content["camera_pose"], f"camera_pose in {path}")
+    elif stored is not None:
+        pose = check_pose(content[stored], f"{stored} in {path}")
     depth = real_array(content["depth"], f"depth in {path}", (None, None), finite=False)
     return DepthCapture(metric_depth(depth, depth_scale), matrix, pose)
 

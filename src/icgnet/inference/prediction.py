@@ -114,7 +114,7 @@ class Prediction:
         classes: names of all classes that the weights know.
         input_rows: where each point of `cloud` stands in the flattened input.
         input_shape: shape of the input, (n,) for a cloud and (h, w) for a depth image.
-        left_out: how many windows and objects were not looked at, because there were too many (as in noise) or because
+        left_out: how many points and objects were not looked at, because there were too many (as in noise) or because
             the time was up, and how many things were taken for a part of the table or of what encloses it.
         supports: the plane that was taken for the table, then others for which nearly as much speaks; none if the
             height of the table was given.
