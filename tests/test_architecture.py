@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "predictor": {"foundation", "geometry", "grasping", "objects", "network", "inference"},
     "arm": {"foundation", "geometry", "grasping", "inference"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
-    "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
+    "service": {"foundation", "geometry", "objects", "network", "inference", "predictor", "arm"},
     "client": {"foundation"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
@@ -141,7 +141,7 @@ def test_a_heavy_package_is_imported_only_at_home(package):
 def test_every_global_name_is_defined(module):
     # Linters cannot tell: the letters of jaxtyping's shapes look like names to them.
     name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
-    if "arm" in module.parts or module.stem == "pick_picture":
+    if "arm" in module.parts or module.stem in ("pick_picture", "picking"):
         pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
     known = {*vars(importlib.import_module(name)), *vars(builtins)}
     codes = [compile((PACKAGE / module).read_text(), str(module), "exec")]

@@ -32,6 +32,8 @@ class PickSettings:
     """The same on straight lines."""
     most_grasps: int = 100
     """So many grasps are tried at most."""
+    budget_ms: float | None = None
+    """Once planning took longer, no further grasp is tried [ms]; the first one always is. None for no limit."""
     seed: int = 0
     """Of everything that is drawn."""
 
@@ -42,6 +44,7 @@ class PickSettings:
         check_range(self, 0.02, "lift", most=HIGHEST_LIFT)
         check_range(self, 0.01, "speed", "line_speed", most=1.0)
         check_range(self, 1.0, "most_grasps")
+        check_range(self, 1.0, "budget_ms")
         check_range(self, 0.0, "seed")
 
 
