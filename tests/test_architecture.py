@@ -49,6 +49,7 @@ MAY_IMPORT = {
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
     "service": {"foundation", "geometry", "objects", "network", "inference", "predictor", "arm"},
     "client": {"foundation"},
+    "agents": {"foundation", "geometry", "inference", "predictor", "arm", "viewer", "client"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
         *("parallel", "training", "inference", "predictor", "arm", "viewer"),
@@ -78,6 +79,7 @@ AT_HOME = {
     "uvicorn": {"service"},
     "prometheus_client": {"service"},
     "httpx": {"client"},
+    "mcp": {"agents"},
 }
 """Packages that only these layers know."""
 

@@ -19,6 +19,7 @@ COMMANDS = {
     "pick": ("pick:Pick", "Plan how an arm picks an object up, carries it and lets go of it."),
     "view": ("view:View", "Look at a saved prediction in the browser."),
     "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
+    "mcp": ("mcp:Mcp", "Give agents tools: look, list objects, find grasps, plan picks."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (
         "dataset:Inspect",
