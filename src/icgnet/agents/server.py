@@ -18,12 +18,13 @@ from icgnet.files import finite
 
 Result = TypeVar("Result")
 
-INSTRUCTIONS = """\
-Objects and grasps in depth images of cluttered tables, and plans for a robot's arm. No tool moves anything: a plan is \
-to be looked at, and carried out by somebody else. Lengths are metres, angles radians, joint positions radians; frame_id \
-names the frame that coordinates are in: "camera" has x right, y down, z forward; any other has z up. Look first: \
-objects keep their instance_id as long as the capture stays the same. Without a capture the newest one is taken, which \
-may be another one the next time: name it to stay with it, and mind age_seconds."""
+INSTRUCTIONS = (
+    "Objects and grasps in depth images of cluttered tables, and plans for an arm. No tool moves anything: a plan "
+    "is to be looked at, and carried out by somebody else. Lengths are metres, joint positions radians; frame_id names "
+    "the frame that coordinates are in: in 'camera' x is right, y down, z forward; in any other z is up. Look first: "
+    "objects keep their instance_id as long as the capture stays the same. Without a capture the newest one is taken, "
+    "which may be another one the next time: name it to stay with it, and mind age_seconds."
+)
 
 CaptureName = Annotated[
     str | None, Field(description="Name of a capture, as `captures` lists them; the newest one if left out.")
@@ -40,8 +41,10 @@ def create_server(tools: Tools) -> MCPServer:
 
     @server.tool(title="Look at a capture", annotations=reads)
     async def look(capture: CaptureName = None) -> CallToolResult:
-        """A picture of what the camera saw, every object in its colour with its number and class, and a table of the
-        objects: class, where, how large, how many grasps."""
+        """A picture of what the camera saw, objects coloured and numbered, and a table of them.
+
+        The table tells class, where, how large and how many grasps.
+        """
         seen = await _answer(lambda: tools.look(capture))
         content = io.BytesIO()
         seen.picture.save(content, "PNG")
@@ -52,8 +55,11 @@ def create_server(tools: Tools) -> MCPServer:
 
     @server.tool(title="List the objects in a capture", annotations=reads)
     async def list_objects(capture: CaptureName = None) -> dict[str, Any]:
-        """The objects in a capture as values: instance_id, class, scores, middle and size of what is seen [m], number
-        of grasps; the names of all captures; why grasps were rejected."""
+        """The objects in a capture as values.
+
+        Of each its instance_id, class, scores, middle and size of what is seen [m] and number of grasps; also the names
+        of all captures, and why grasps were rejected.
+        """
         return _plain(await _answer(lambda: tools.list_objects(capture)))
 
     @server.tool(title="Find grasps", annotations=reads)
@@ -63,8 +69,11 @@ def create_server(tools: Tools) -> MCPServer:
         instance_id: InstanceId = None,
         limit: Annotated[int, Field(description="So many grasps at most, 1 to 50, the best ones.")] = 3,
     ) -> dict[str, Any]:
-        """The best collision-free grasps of a parallel-jaw hand: pose (z approach, y closing, origin midway between
-        the finger tips), opening [m], score (the probability of success). If there are none, `rejected` counts why."""
+        """The best collision-free grasps of a parallel-jaw hand.
+
+        Of each its pose (z approach, y closing, origin midway between the finger tips), opening [m] and score (the
+        probability of success). If there are none, `rejected` counts why.
+        """
         return _plain(await _answer(lambda: tools.grasp(capture, object_class, instance_id, limit)))
 
     @server.tool(title="Plan a pick", annotations=writes if tools.writes else reads)
@@ -80,8 +89,11 @@ def create_server(tools: Tools) -> MCPServer:
             str | None, Field(description="drop, or place: lower the object onto the drop-off point.")
         ] = None,
     ) -> dict[str, Any]:
-        """A plan by which the robot's arm reaches an object, grasps it, carries it to a point and lets go of it,
-        checked against collisions. NOTHING MOVES: the answer is a plan. If found is false, `refused` counts why."""
+        """A plan by which the robot's arm takes an object and lets go of it at a point; NOTHING MOVES.
+
+        It is checked against collisions, and somebody else has to carry it out. If found is false, `refused` counts
+        why.
+        """
         return _plain(await _answer(lambda: tools.pick(drop, capture, object_class, instance_id, release)))
 
     return server

@@ -201,8 +201,8 @@ class RemoteSight:
         """A plan for the arm of the service.
 
         Raises:
-            InputError: it refuses the values, or an object is meant by its number and the pose of the camera is not known
-                here: then the service looks anew, by its own hand-eye file, and may number objects otherwise.
+            InputError: it refuses the values, or an object is meant by its number and the pose of the camera is not
+                known here: then the service looks anew, by its own hand-eye file, and may number objects otherwise.
             ServiceError: it does not answer, or has no arm.
         """
         content = seen.capture.content

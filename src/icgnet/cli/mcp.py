@@ -81,7 +81,7 @@ class Mcp:
         try:
             from icgnet.agents.server import serve_tools
         except ModuleNotFoundError as error:
-            if error.name in EXTRA:
+            if (error.name or "").partition(".")[0] in EXTRA:
                 raise InputError('icgnet mcp needs more packages: pip install "icgnet[mcp]"') from error
             raise
         from icgnet.agents.captures import CaptureFolder
