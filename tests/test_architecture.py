@@ -18,7 +18,7 @@ from icgnet.errors import MissingExtraError
 
 PACKAGE = Path(icgnet.__file__).parent
 
-FOUNDATION = {"errors", "files", "output_folder", "settings"}
+FOUNDATION = {"errors", "files", "machine", "output_folder", "settings"}
 """The modules that stand below everything; beside them there are the predictor, on top of the folder `inference`, and
 the client of the service, which stands alone."""
 
@@ -49,6 +49,7 @@ MAY_IMPORT = {
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
     "service": {"foundation", "geometry", "objects", "network", "inference", "predictor", "arm"},
     "client": {"foundation"},
+    "doctor": {"foundation", "inference", "network", "predictor"},
     "agents": {"foundation", "geometry", "inference", "predictor", "arm", "viewer", "client"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),

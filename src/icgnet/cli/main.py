@@ -54,6 +54,7 @@ COMMANDS = {
         "gripper:CheckGripper",
         "Check a gripper file, print the measures of the hand, draw it.",
     ),
+    "doctor": ("doctor:Doctor", "Tell what is installed, what is missing, and whether it works."),
     "version": ("version:Version", "Print the version."),
 }
 """Name of a subcommand, one or two words -> where in this folder it is, and what it does."""
