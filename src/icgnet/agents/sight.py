@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
@@ -56,6 +56,7 @@ class PickWish:
     release: str | None = None
 
 
+@runtime_checkable
 class Sight(Protocol):
     """Finds objects and plans picks."""
 
