@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -17,6 +18,9 @@ from icgnet.service.app import Service
 from icgnet.service.config import ServiceConfig
 from icgnet.service.server import Server, listen
 from tabletop_scenes import INTRINSICS, THREE_BOXES, camera_pose, depth_image, tiny_network
+
+if TYPE_CHECKING:
+    from icgnet.service.picking import PickBench
 
 TOKEN = "a token of the tests".replace(" ", "-")
 POSE = camera_pose()
@@ -41,11 +45,17 @@ def known_prediction() -> Prediction:
 
 
 class HeldUpPredictor(Predictor):
-    """Gives the same prediction for everything, once it is let go; notes the budgets that it was given."""
+    """Gives the same prediction for everything, once it is let go; notes the budgets and poses that it was given.
 
-    def __init__(self) -> None:
+    Args:
+        prediction: that of the tiny network if None.
+    """
+
+    def __init__(self, prediction: Prediction | None = None) -> None:
         tiny = tiny_predictor()
         super().__init__(tiny.network)
+        self.prediction = prediction
+        self.poses: list[np.ndarray | None] = []
         self.begun = threading.Semaphore(0)
         self.may_end = threading.Event()
         self.may_end.set()
@@ -55,10 +65,11 @@ class HeldUpPredictor(Predictor):
     def predict_depth(self, *args, **kwargs) -> Prediction:
         self.begun.release()
         assert self.may_end.wait(30)
+        self.poses.append(args[2] if len(args) > 2 else None)
         self.budgets.append(self.search.budget_ms)
         if self.error is not None:
             raise self.error
-        return known_prediction()
+        return known_prediction() if self.prediction is None else self.prediction
 
     predict_cloud = predict_depth
 
@@ -69,9 +80,11 @@ class HeldUpPredictor(Predictor):
 
 
 @contextmanager
-def running(predictor: Predictor, token: str | None = None, **config) -> Iterator[tuple[str, Service, Server]]:
+def running(
+    predictor: Predictor, token: str | None = None, bench: "PickBench | None" = None, **config
+) -> Iterator[tuple[str, Service, Server]]:
     """The address, the service and the server, which is told to stop in the end."""
-    service = Service(predictor, ServiceConfig(port=0, **config), {"sha256": "of no file"})
+    service = Service(predictor, ServiceConfig(port=0, **config), {"sha256": "of no file"}, bench)
     server = Server(service, token)
     with listen("127.0.0.1", 0) as opened:
         thread = threading.Thread(target=server.run, args=([opened],))

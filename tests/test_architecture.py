@@ -18,7 +18,7 @@ from icgnet.errors import MissingExtraError
 
 PACKAGE = Path(icgnet.__file__).parent
 
-FOUNDATION = {"errors", "files", "output_folder", "settings"}
+FOUNDATION = {"errors", "files", "machine", "output_folder", "settings"}
 """The modules that stand below everything; beside them there are the predictor, on top of the folder `inference`, and
 the client of the service, which stands alone."""
 
@@ -48,9 +48,11 @@ MAY_IMPORT = {
     "arm": {"foundation", "geometry", "grasping", "inference"},
     "camera_calibration": {"foundation", "geometry"},
     "viewer": {"foundation", "geometry", "grasping", "inference", "predictor", "arm"},
-    "service": {"foundation", "geometry", "objects", "network", "inference", "predictor"},
+    "service": {"foundation", "geometry", "objects", "network", "inference", "predictor", "arm"},
     "ros2": {"foundation", "geometry", "grasping", "inference", "predictor"},
     "client": {"foundation"},
+    "doctor": {"foundation", "inference", "network", "predictor"},
+    "agents": {"foundation", "geometry", "inference", "predictor", "arm", "viewer", "client"},
     "benchmark": {
         *("foundation", "geometry", "grasping", "objects", "network", "simulation", "sensors", "datagen"),
         *("parallel", "training", "inference", "predictor", "arm", "viewer"),
@@ -82,6 +84,7 @@ AT_HOME = {
     "prometheus_client": {"service"},
     "httpx": {"client"},
     "cyclonedds": {"ros2"},
+    "mcp": {"agents"},
 }
 """Packages that only these layers know."""
 
@@ -145,7 +148,7 @@ def test_a_heavy_package_is_imported_only_at_home(package):
 def test_every_global_name_is_defined(module):
     # Linters cannot tell: the letters of jaxtyping's shapes look like names to them.
     name = ".".join(("icgnet", *module.with_suffix("").parts)).removesuffix(".__init__")
-    if {"arm", "workcell"} & set(module.parts) or module.stem == "pick_picture":
+    if {"arm", "workcell"} & set(module.parts) or module.stem in ("pick_picture", "picking"):
         pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
     if "camera_calibration" in module.parts:
         pytest.importorskip(

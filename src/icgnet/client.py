@@ -78,6 +78,39 @@ class Answer:
         return self.grasps[0] if self.grasps else None
 
 
+@dataclass(frozen=True, eq=False)
+class PickAnswer:
+    """A plan of the service for its arm: nothing has moved. In the frame of the arm's base, in metres and radians.
+
+    Attributes:
+        result: `plan` (the entries of `plan.json`, see the guides), `picked` (the grasp, in the frame of the
+            prediction; None if there is none), `prediction` (what was found, and the number of its grasps), `service`.
+    """
+
+    result: dict[str, Any]
+
+    @property
+    def is_found(self) -> bool:
+        """Whether a grasp can be carried out."""
+        return bool(self.phases)
+
+    @property
+    def phases(self) -> list[dict[str, Any]]:
+        """What the arm does, one after the other, each with its `joint_trajectory`; empty if there is no plan."""
+        return self.result["plan"]["phases"]
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """How many grasps cannot be carried out, by reason."""
+        return self.result["plan"]["refused"]
+
+    @property
+    def T_base_grasp(self) -> np.ndarray | None:
+        """[4 4] pose of the grasp; None if there is no plan."""
+        pose = self.result["plan"]["T_base_grasp"]
+        return None if pose is None else np.array(pose, dtype=np.float64)
+
+
 class Client:
     """Asks one service. The connection is kept, and opened again when it was lost.
 
@@ -199,17 +232,52 @@ class Client:
         query = {"table_height": table_height, "frame_id": frame_id, **options}
         return self._predict({"points": points, "viewpoint": viewpoint}, query, meshes)
 
+    def pick(
+        self,
+        depth: Any,
+        intrinsics: Any,
+        drop: Any,
+        camera_pose: Any = None,
+        joints: Any = None,
+        mask: Any = None,
+        level_table: bool = False,
+        **options: Any,
+    ) -> PickAnswer:
+        """A plan for the arm of the service.
+
+        Args:
+            depth: [h w] distance along the camera's z axis; 0 or NaN where nothing was measured.
+            intrinsics: [3 3] camera matrix [pixels].
+            drop: [3] where the object is let go of: its lowest point, in the world [m].
+            camera_pose: T_world_camera as [4 4] or x y z [m] qw qx qy qz; None for the hand-eye file of the service.
+            joints: of the arm when the picture was taken [rad]; only for a camera on the arm.
+            mask: [h w] true where objects may be; everywhere if None.
+            level_table: whether the depth is multiplied with what brings the table to its height.
+            options: `object_class`, `instance`, `region`, `start`, `release`, `table_height`, `depth_scale`,
+                `frame_id`, `deadline_ms`.
+
+        Raises:
+            InputError: the service refuses the values; the message is its own.
+            ServiceError: it cannot be reached, has no arm, is full, stops, or is too late.
+        """
+        arrays = {"depth": depth, "K": intrinsics, "camera_pose": camera_pose, "mask": mask}
+        query = {"drop": drop, "joints": joints, "level_table": level_table or None, **options}
+        return PickAnswer(self._post("/pick", arrays, query).json())
+
     def _predict(self, arrays: dict[str, Any], options: dict[str, Any], meshes: bool) -> Answer:
+        response = self._post("/predict", arrays, {**options, "answer": "npz" if meshes else "json"})
+        return _answer_of_npz(response.content) if meshes else Answer(response.json())
+
+    def _post(self, path: str, arrays: dict[str, Any], options: dict[str, Any]) -> httpx.Response:
+        """The answer to arrays and options."""
         content = io.BytesIO()
         try:
             given = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
             np.savez(content, allow_pickle=False, **given)
         except ValueError as error:  # ragged lists and objects
             raise InputError(f"{', '.join(arrays)} must be arrays of numbers: {error}") from error
-        query = {name: _text(value) for name, value in options.items() if value is not None}
-        query["answer"] = "npz" if meshes else "json"
-        response = self._ask("POST", "/predict", query, content.getvalue())
-        return _answer_of_npz(response.content) if meshes else Answer(response.json())
+        query = {name: _text(value, name) for name, value in options.items() if value is not None}
+        return self._ask("POST", path, query, content.getvalue())
 
     def _ask(
         self, method: str, path: str, query: dict[str, str] | None = None, body: bytes | None = None
@@ -240,12 +308,15 @@ class Client:
         raise ServiceError(f"{self._http.base_url} answers {response.status_code}: {message}", response.status_code)
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, name: str) -> str:
     """A value in a query string."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str):
-        return ",".join(repr(float(number)) for number in np.ravel(value))
+        try:
+            return ",".join(repr(float(number)) for number in np.ravel(value))
+        except (TypeError, ValueError) as error:  # ragged lists, texts
+            raise InputError(f"{name} must be numbers, got {str(value)[:80]}") from error
     return str(value)
 
 

@@ -4,12 +4,10 @@ import json
 
 import numpy as np
 import pytest
-import yaml
 from PIL import Image
 
 import needs_arm  # noqa: F401
-from arm_scenes import T_BASE_FRAME, box
-from icgnet.arm.description import ARMS
+from arm_scenes import arm_file, box
 from icgnet.cli.main import main
 
 
@@ -23,9 +21,7 @@ def folder(tmp_path, seen, monkeypatch):
     """A folder with a saved prediction, and an arm that stands before what it holds."""
     monkeypatch.chdir(tmp_path)
     seen([box((0.05, 0.04, 0.10)), box((0.05, 0.04, 0.06), x=0.27)], grasped=(0, 1)).save(tmp_path / "seen")
-    entries = yaml.safe_load((ARMS / "fr3.yaml").read_text())
-    base = {"position": (-T_BASE_FRAME[:3, 3]).tolist(), "quaternion": [1, 0, 0, 0]}
-    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(entries | {"urdf": str(ARMS / "fr3.urdf"), "base": base}))
+    arm_file(tmp_path)
     return tmp_path
 
 

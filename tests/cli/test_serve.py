@@ -16,7 +16,7 @@ import pytest
 from http_service import DEPTH, npz
 from icgnet.cli.main import main
 from icgnet.client import Client
-from icgnet.errors import InputError
+from icgnet.errors import InputError, MissingExtraError
 from icgnet.network.weights import save_weights
 from icgnet.service.server import listen
 from tabletop_scenes import INTRINSICS, tiny_network
@@ -29,6 +29,8 @@ from tabletop_scenes import INTRINSICS, tiny_network
         (["--port", "70000"], "port must be at least 0 and at most 65535, got 70000"),
         (["--threads", "0"], "threads must be at least 1"),
         (["--weights", "none.safetensors"], "none.safetensors: no such weights file"),
+        (["--hand-eye", "eye.yaml"], "hand_eye is for picks: give --arm, too"),
+        (["--arm", "fr3", "--pick.margin", "9"], "margin must be at least 0.001 and at most 0.05, got 9"),
     ],
 )
 def test_what_is_wrong_is_one_line(arguments, said, capsys, monkeypatch):
@@ -50,6 +52,29 @@ def test_without_the_extra_it_says_what_to_install(capsys, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     assert main(["serve"]) == 2
     assert capsys.readouterr().err == 'error: icgnet serve needs more packages: pip install "icgnet[serve]"\n'
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--arm", "none.yaml"], "arm 'none.yaml' is neither a file nor one of ['fr3']"),
+        (["--arm", "fr3", "--hand-eye", "none.yaml"], "no such hand-eye file: none.yaml"),
+    ],
+)
+def test_what_is_wrong_with_the_arm_is_one_line(arguments, said, capsys):
+    pytest.importorskip("icgnet.arm.libraries", reason="needs icgnet[arm]", exc_type=MissingExtraError)
+    assert main(["serve", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_without_the_packages_of_the_arm_it_says_what_to_install(capsys, monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("icgnet.arm.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    assert main(["serve", "--arm", "fr3"]) == 2
+    assert capsys.readouterr().err.endswith('which is not installed: pip install "icgnet[arm]"\n')
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from icgnet.errors import InputError
 from icgnet.geometry.arrays import position
 from icgnet.geometry.transforms import check_pose, invert_transform, make_transform, rotation_z, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.inference.budget import Clock
+from icgnet.inference.budget import Budget, Clock
 from icgnet.inference.prediction import Prediction
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -50,6 +50,7 @@ NO_IK = "no joint positions"
 NO_REACH, NO_LINE, NO_LIFT = "no way to the object", "no straight way in", "no straight way up"
 NO_DROP, NO_CARRY, NO_LOWER = "drop-off out of reach", "no way to the drop-off", "no straight way down"
 NO_LEAVE, NO_RETURN = "no straight way out", "no way back"
+NO_TIME = "no time left to try it"
 
 
 def plan_pick(
@@ -121,7 +122,7 @@ class _Planner:
         start: Float[np.ndarray, "j"],
         fixtures: tuple[CollisionBody, ...],
     ) -> None:
-        self.clock = Clock()
+        self.clock, self.budget = Clock(), Budget(settings.budget_ms)
         self.arm, self.gripper, self.settings = arm, prediction.gripper, settings
         self.grasps = prediction.grasps.transformed(T_base_frame)
         drop = _let_go_at(drop, prediction, T_base_frame, settings.drop_above)
@@ -154,6 +155,9 @@ class _Planner:
         refusals: list[Refusal] = []
         for index in range(min(len(self.grasps), self.settings.most_grasps)):
             instance = int(self.grasps.instances[index])
+            if index > 0 and self.budget.is_spent():
+                refusals.append(Refusal(index, instance, NO_TIME))
+                continue
             try:
                 T_base_grasp, phases = self._try(index, instance)
             except _RefusedError as refused:

@@ -40,6 +40,8 @@ class PickSettings:
     """So many grasps are tried at most."""
     clearances: bool = True
     """Measure how near anything comes to anything, which decides nothing and takes most of the time."""
+    budget_ms: float | None = None
+    """Once planning took longer, no further grasp is tried [ms]; the first one always is. None for no limit."""
     seed: int = 0
     """Of everything that is drawn."""
 
@@ -53,6 +55,7 @@ class PickSettings:
         check_range(self, 0.02, "lift", most=HIGHEST_LIFT)
         check_range(self, 0.01, "speed", "line_speed", most=1.0)
         check_range(self, 1.0, "most_grasps")
+        check_range(self, 1.0, "budget_ms")
         check_range(self, 0.0, "seed")
 
 

@@ -11,10 +11,10 @@ import torch
 
 from icgnet.benchmark.config import LatencyConfig
 from icgnet.benchmark.pictures import Picture, take_pictures
-from icgnet.benchmark.record import processor
 from icgnet.benchmark.statistics import Quantiles
 from icgnet.benchmark.tables import Table
 from icgnet.errors import InputError
+from icgnet.machine import processor
 from icgnet.network.icgnet import IcgNet
 from icgnet.network.weights_header import DEFAULT_WEIGHTS
 from icgnet.predictor import Predictor

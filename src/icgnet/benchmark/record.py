@@ -12,6 +12,7 @@ from typing import Any
 from icgnet.errors import DataError
 from icgnet.files import write_json
 from icgnet.grasping.gripper import load_gripper
+from icgnet.machine import processor
 from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
 
 REPORT_FILE = "report.json"
@@ -98,13 +99,3 @@ def _git(folder: Path, *command: str) -> str:
     return subprocess.run(
         ["git", "-C", str(folder), *command], capture_output=True, text=True, timeout=10, check=True
     ).stdout.strip()
-
-
-def processor() -> str:
-    """Model of the CPU."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.machine()

@@ -24,6 +24,7 @@ COMMANDS = {
     "view": ("view:View", "Look at a saved prediction in the browser."),
     "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
     "ros2": ("ros2:Ros2", "Answer depth images of ROS 2 with grasps and objects, without ROS on this machine."),
+    "mcp": ("mcp:Mcp", "Give agents tools: look, list objects, find grasps, plan picks."),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (
         "dataset:Inspect",
@@ -59,6 +60,7 @@ COMMANDS = {
         "gripper:CheckGripper",
         "Check a gripper file, print the measures of the hand, draw it.",
     ),
+    "doctor": ("doctor:Doctor", "Tell what is installed, what is missing, and whether it works."),
     "version": ("version:Version", "Print the version."),
 }
 """Name of a subcommand, one or two words -> where in this folder it is, and what it does."""

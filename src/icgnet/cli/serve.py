@@ -3,15 +3,19 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from icgnet.arm.settings import PickSettings
 from icgnet.errors import InputError
 from icgnet.inference.grasp_search import GraspSearch
 from icgnet.network.config import Precision
 from icgnet.service.config import ServiceConfig
 from icgnet.settings import check_range
+
+if TYPE_CHECKING:
+    from icgnet.service.picking import PickBench
 
 TOKEN = "ICGNET_TOKEN"
 EXTRA = ("fastapi", "starlette", "uvicorn", "prometheus_client")
@@ -37,6 +41,13 @@ class Serve:
     """What the network computes on, such as cpu or cuda."""
     seed: int = 0
     """Of everything that is drawn."""
+    arm: str | None = None
+    """Name of an arm or an arm file: plans for it under /pick; none are made if not given. Needs icgnet[arm]."""
+    hand_eye: Path | None = None
+    """YAML or JSON file with T_base_camera, or with T_tool_camera and joints: where the camera of the picks is, unless
+    a request gives its camera_pose."""
+    pick: PickSettings = field(default_factory=PickSettings)
+    """How picks are planned."""
     service: Annotated[ServiceConfig, tyro.conf.arg(name="")] = field(default_factory=ServiceConfig)
     search: Annotated[GraspSearch, tyro.conf.arg(name="")] = field(default_factory=GraspSearch)
 
@@ -50,6 +61,8 @@ class Serve:
         check_range(self, 0.0, "seed")
         token = os.environ.get(TOKEN) or None
         self.service.check_token(token)
+        if self.hand_eye is not None and self.arm is None:
+            raise InputError("hand_eye is for picks: give --arm, too")
         try:
             from icgnet.service.app import Service
             from icgnet.service.server import serve
@@ -61,11 +74,23 @@ class Serve:
         from icgnet.predictor import Predictor
 
         check_known(self.weights, self.gripper)
+        bench = self._bench()
         predictor = Predictor.load(
             self.weights, self.threads, self.gripper, self.seed, self.search, self.precision, self.device
         )
         about = {"sha256": stored_checksum(self.weights or DEFAULT_WEIGHTS)}
-        serve(Service(predictor, self.service, about), token, _announce)
+        serve(Service(predictor, self.service, about, bench), token, _announce)
+
+    def _bench(self) -> "PickBench | None":
+        """The arm that picks are planned for."""
+        if self.arm is None:
+            return None
+        from icgnet.arm.arm import Arm
+        from icgnet.arm.hand_eye import HandEye
+        from icgnet.service.picking import PickBench
+
+        hand_eye = None if self.hand_eye is None else HandEye.read(self.hand_eye)
+        return PickBench(Arm.load(self.arm), hand_eye, self.pick)
 
 
 def _announce(address: str) -> None:

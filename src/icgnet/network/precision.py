@@ -32,6 +32,12 @@ def use_bfloat16(precision: Precision, device: torch.device) -> bool:
     return has_bfloat16(device) if precision == "auto" else precision == "bfloat16"
 
 
+def describe_auto() -> str:
+    """What `auto` takes on this processor, and the instructions that torch computes with."""
+    chosen = "bfloat16" if has_bfloat16(torch.device("cpu")) else "float32"
+    return f"{chosen} here; torch computes with {torch.backends.cpu.get_cpu_capability()}"
+
+
 def check_device(device: str | torch.device) -> torch.device:
     """A device that torch can compute on.
 

@@ -18,3 +18,8 @@ def set_threads(threads: int | None) -> None:
         if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= MOST_THREADS:
             raise InputError(f"threads must be at least 1 and at most {MOST_THREADS}, got {threads!r}")
         torch.set_num_threads(threads)
+
+
+def thread_count() -> int:
+    """How many CPU threads the process computes with."""
+    return torch.get_num_threads()

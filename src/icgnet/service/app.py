@@ -7,7 +7,7 @@ import secrets
 import time
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 
 from fastapi import APIRouter, Depends, FastAPI, HTTPException, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -21,17 +21,33 @@ from icgnet.errors import IcgnetError
 from icgnet.predictor import Predictor
 from icgnet.service import metrics
 from icgnet.service.answers import MEDIA, json_bytes
-from icgnet.service.bodies import JSON, NPZ, PNG, read_ask
+from icgnet.service.bodies import JSON, NPZ, PNG, Ask, read_ask
 from icgnet.service.config import ServiceConfig
-from icgnet.service.options import LONGEST_QUERY, OPTIONS, options_of_query
+from icgnet.service.options import LONGEST_QUERY, OPTIONS, PICK_OPTIONS, Option, options_of_query
 from icgnet.service.predicting import Predicting, TooLateError
 from icgnet.service.worker import FullError, GoneError, StoppingError, Worker
+
+if TYPE_CHECKING:  # its packages are an extra
+    from icgnet.service.picking import PickBench
 
 LOG = logging.getLogger("uvicorn.error")
 GONE = 499
 """Nobody reads this status: the caller has closed the connection."""
 RETRY_AFTER = "Retry-After"
+NO_ARM = "this service has no arm: it must be started with icgnet serve --arm"
 LOCAL_HOST = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?", re.IGNORECASE)
+
+
+@runtime_checkable
+class Answering(Protocol):
+    """What a route does with what a request asks."""
+
+    def check(self, ask: Ask) -> None:
+        """Refuses, in any thread, what can be refused at once."""
+
+    def answer(self, ask: Ask, arrived: float) -> bytes:
+        """The answer to a request that came at this time, in the thread of the worker."""
+        ...
 
 
 class Service:
@@ -41,14 +57,22 @@ class Service:
         predictor: finds objects and grasps.
         config: what is taken.
         weights: what is told about the weights, under `/metadata`.
+        bench: the arm that picks are planned for; None if there is none, and then `/pick` says so.
     """
 
-    def __init__(self, predictor: Predictor, config: ServiceConfig, weights: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        predictor: Predictor,
+        config: ServiceConfig,
+        weights: Mapping[str, Any],
+        bench: "PickBench | None" = None,
+    ) -> None:
         self.config = config
         self.weights = weights
         self.worker = Worker(config.queue)
         self.metrics = metrics.Metrics(lambda: float(self.worker.taken))
         self.predicting = Predicting(predictor, config.deadline_ms, self.metrics)
+        self.bench = bench
 
 
 def create_app(service: Service, token: str | None = None) -> FastAPI:
@@ -100,10 +124,12 @@ def metadata_route(service: Service) -> APIRouter:
         "weights": dict(service.weights),
         "classes": list(predictor.classes),
         "gripper": predictor.gripper.to_dict(),
+        "arm": None if service.bench is None else service.bench.to_dict(),
         "units": {"length": "m", "angle": "rad", "time": "ms", "depth": "depth_scale stored units are 1 m"},
         "frames": {
             "world": "z up; of results, if a camera pose, a viewpoint or the height of the table is given",
             "camera": "x right, y down, z forward; of results, if none of these is given",
+            "base": "of the arm, and of everything in a plan",
             "table": "z up, the table plane at z = 0.05 m; T_frame_table leads from there to the frame of the result",
             "grasp": "z approach, y closing, origin midway between the finger tips",
         },
@@ -138,35 +164,61 @@ def metrics_route(service: Service) -> APIRouter:
 def predict_route(service: Service) -> APIRouter:
     """`/predict`: objects and grasps."""
     router = APIRouter()
-    config, predicting = service.config, service.predicting
 
     @router.post(
         "/predict",
         summary="Objects and grasps in a depth image or a cloud",
         responses=PREDICT_RESPONSES,
-        openapi_extra=_PREDICT_REQUEST,
+        openapi_extra=_request_body(OPTIONS),
     )
     async def predict(request: Request) -> Response:
-        arrived = time.monotonic()
-        with service.worker.place():
-            kind = _kind(request)
-            query = _query(request)
-            body = await _body(request, config.max_bytes, config.body_seconds)
-
-            def read():
-                ask = read_ask(kind, body, query, config.max_points)
-                predicting.check(ask)
-                return ask
-
-            ask = await asyncio.to_thread(read)
-            answer = await service.worker.run(lambda: predicting.answer(ask, arrived), lambda: _gone(request))
-        return Response(answer, headers={"Content-Type": MEDIA[ask.options.get("answer", "json")]})
+        return await _answered(request, service, service.predicting, OPTIONS)
 
     return router
 
 
-ROUTES: tuple[Callable[[Service], APIRouter], ...] = (metadata_route, predict_route, metrics_route)
+def pick_route(service: Service) -> APIRouter:
+    """`/pick`: a plan for the arm of the service; it moves none."""
+    router = APIRouter()
+    answering = None if service.bench is None else service.bench.answering(service.predicting)
+
+    @router.post(
+        "/pick",
+        summary="A plan for the service's arm, from a depth image; nothing moves",
+        responses=PICK_RESPONSES,
+        openapi_extra=_request_body(PICK_OPTIONS),
+    )
+    async def pick(request: Request) -> Response:
+        if answering is None:
+            raise HTTPException(HTTPStatus.NOT_FOUND, NO_ARM)
+        return await _answered(request, service, answering, PICK_OPTIONS)
+
+    return router
+
+
+ROUTES: tuple[Callable[[Service], APIRouter], ...] = (metadata_route, predict_route, pick_route, metrics_route)
 """What needs the token, if there is one. Each takes the service and gives its routes."""
+
+
+async def _answered(
+    request: Request, service: Service, answering: Answering, options: Mapping[str, Option]
+) -> Response:
+    """The way of a request: a place, its body under the limits, reading beside the event loop, the worker."""
+    arrived = time.monotonic()
+    config = service.config
+    with service.worker.place():
+        kind = _kind(request)
+        query = _query(request, options)
+        body = await _body(request, config.max_bytes, config.body_seconds)
+
+        def read() -> Ask:
+            ask = read_ask(kind, body, query, config.max_points, options)
+            answering.check(ask)
+            return ask
+
+        ask = await asyncio.to_thread(read)
+        answer = await service.worker.run(lambda: answering.answer(ask, arrived), lambda: _gone(request))
+    return Response(answer, headers={"Content-Type": MEDIA[ask.options.get("answer", "json")]})
 
 
 def _token_check(token: str | None) -> Callable[..., Any]:
@@ -209,10 +261,10 @@ def _kind(request: Request) -> str:
     return given
 
 
-def _query(request: Request) -> dict[str, Any]:
+def _query(request: Request, options: Mapping[str, Option]) -> dict[str, Any]:
     if len(request.scope["query_string"]) > LONGEST_QUERY:
         raise HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, f"the query must be at most {LONGEST_QUERY} characters")
-    return options_of_query(request.query_params.multi_items())
+    return options_of_query(request.query_params.multi_items(), options)
 
 
 async def _body(request: Request, most: int, seconds: float) -> bytes:
@@ -334,38 +386,49 @@ PREDICT_RESPONSES: dict[int | str, dict[str, Any]] = {
     503: {"description": "The service is stopping.", **_ERROR},
     504: {"description": "The deadline passed before the prediction had begun.", **_ERROR},
 }
+PICK_RESPONSES: dict[int | str, dict[str, Any]] = {
+    **PREDICT_RESPONSES,
+    200: {
+        "description": "`plan`: as `plan.json` of icgnet pick, without phases if no grasp can be carried out, and then "
+        "`refused` counts why; `prediction`: as `result.json` without grasps, and their number; `picked`: the grasp.",
+        "content": {JSON: {}},
+    },
+    404: {"description": "The service has no arm.", **_ERROR},
+}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
-_PREDICT_REQUEST: dict[str, Any] = {
-    "parameters": [
-        {
-            "name": name,
-            "in": "query",
-            "required": False,
-            "description": option.about,
-            "schema": option.schema(),
-            **({"style": "form", "explode": False} if option.kind == "numbers" else {}),
-        }
-        for name, option in OPTIONS.items()
-    ],
-    "requestBody": {
-        "required": True,
-        "description": "A 16-bit PNG; an npz with depth and K (and camera_pose, mask), or points (and viewpoint); or "
-        "JSON with depth (a PNG in base64, and perhaps mask) or points, and any option.",
-        "content": {
-            PNG: _BINARY,
-            NPZ: _BINARY,
-            JSON: {
-                "schema": {
-                    "type": "object",
-                    "additionalProperties": False,
-                    "properties": {
-                        "depth": {"type": "string", "format": "byte"},
-                        "mask": {"type": "string", "format": "byte"},
-                        "points": {"type": "array", "items": {"type": "array", "items": {"type": "number"}}},
-                        **{name: option.schema() for name, option in OPTIONS.items()},
-                    },
-                }
+
+
+def _request_body(options: Mapping[str, Option]) -> dict[str, Any]:
+    """How OpenAPI describes a request with an image or a cloud and these options."""
+    has_clouds = "viewpoint" in options
+    points = {"points": {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}}
+    properties = {
+        "depth": {"type": "string", "format": "byte"},
+        "mask": {"type": "string", "format": "byte"},
+        **(points if has_clouds else {}),
+        **{name: option.schema() for name, option in options.items()},
+    }
+    or_points, or_cloud = (" or points,", ", or points (and viewpoint)") if has_clouds else ("", "")
+    return {
+        "parameters": [
+            {
+                "name": name,
+                "in": "query",
+                "required": False,
+                "description": option.about,
+                "schema": option.schema(),
+                **({"style": "form", "explode": False} if option.kind == "numbers" else {}),
+            }
+            for name, option in options.items()
+        ],
+        "requestBody": {
+            "required": True,
+            "description": f"A 16-bit PNG; an npz with depth and K (and camera_pose, mask){or_cloud}; or JSON with "
+            f"depth (a PNG in base64, and perhaps mask){or_points} and any option.",
+            "content": {
+                PNG: _BINARY,
+                NPZ: _BINARY,
+                JSON: {"schema": {"type": "object", "additionalProperties": False, "properties": properties}},
             },
         },
-    },
-}
+    }

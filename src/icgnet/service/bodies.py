@@ -6,6 +6,7 @@ import io
 import json
 import math
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from PIL import Image
 from icgnet.errors import DataError, InputError
 from icgnet.geometry.arrays import described, real_array, truth_array
 from icgnet.geometry.camera import metric_depth
-from icgnet.service.options import checked_options
+from icgnet.service.options import OPTIONS, Option, checked_options
 
 PNG, NPZ, JSON = "image/png", "application/x-npz", "application/json"
 LARGEST_JSON = 8_000_000
@@ -36,7 +37,7 @@ class Ask:
         depth: [h w] depth image [m], or None for a cloud.
         points: [n 3] cloud [m], or None for a depth image.
         mask: [h w] true where objects may be, or None.
-        options: checked values of `icgnet.service.options.OPTIONS`.
+        options: checked values of `icgnet.service.options.OPTIONS`, or of another table.
     """
 
     depth: np.ndarray | None
@@ -45,7 +46,9 @@ class Ask:
     options: dict[str, Any]
 
 
-def read_ask(kind: str, body: bytes, query: dict[str, Any], max_points: int) -> Ask:
+def read_ask(
+    kind: str, body: bytes, query: dict[str, Any], max_points: int, table: Mapping[str, Option] = OPTIONS
+) -> Ask:
     """The content of a request.
 
     Args:
@@ -53,6 +56,7 @@ def read_ask(kind: str, body: bytes, query: dict[str, Any], max_points: int) -> 
         body: its bytes.
         query: options of the query string; they take the place of those in the body.
         max_points: how many points or pixels are taken.
+        table: the options that there are.
 
     Raises:
         InputError: values that are missing, unknown, of another kind or too many.
@@ -66,7 +70,7 @@ def read_ask(kind: str, body: bytes, query: dict[str, Any], max_points: int) -> 
         case _:
             content = _read_json(body, max_points)
     depth, points, mask = (content.pop(name, None) for name in ("depth", "points", "mask"))
-    options = checked_options({**content, **query})
+    options = checked_options({**content, **query}, table)
     if (depth is None) == (points is None):
         raise InputError("the body must hold either depth or points, got " + ("neither" if depth is None else "both"))
     if points is not None:

@@ -29,6 +29,10 @@ class Metrics:
         self.predicting = Histogram(
             "icgnet_prediction_seconds", "Time of a prediction.", buckets=SECONDS, registry=self._registry
         )
+        self.planning = Histogram(
+            "icgnet_planning_seconds", "Time of planning a pick.", buckets=SECONDS, registry=self._registry
+        )
+        self.plans = Counter("icgnet_plans", "Picks that can be carried out.", registry=self._registry)
         self.objects = Counter("icgnet_objects", "Objects that were found.", registry=self._registry)
         self.grasps = Counter("icgnet_grasps", "Grasps that were found.", registry=self._registry)
         in_house = Gauge("icgnet_requests_in_house", "Requests that run or wait.", registry=self._registry)

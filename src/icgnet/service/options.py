@@ -13,6 +13,7 @@ from icgnet.geometry.arrays import described, real_array, real_number
 from icgnet.settings import check_choice
 
 ANSWERS = ("json", "npz", "csv")
+RELEASES = ("drop", "place")
 LARGEST_NUMBER = 1e9
 LONGEST_QUERY = 8192
 """Longer query strings are refused [characters]."""
@@ -25,12 +26,12 @@ class Option:
     Attributes:
         kind: of its value; numbers are a list, in a query string separated by commas.
         about: what it means, for OpenAPI and the guide.
-        shapes: that a list of numbers may have.
+        shapes: that a list of numbers may have; None stands for any length.
     """
 
     kind: Literal["number", "whole", "numbers", "flag", "text"]
     about: str
-    shapes: tuple[tuple[int, ...], ...] = ()
+    shapes: tuple[tuple[int | None, ...], ...] = ()
 
     def schema(self) -> dict[str, Any]:
         """The value as OpenAPI describes it, in JSON."""
@@ -124,10 +125,28 @@ OPTIONS = {
     ),
     "answer": Option("text", "json; npz, with meshes and the instance mask; or csv, one line for each grasp."),
 }
+"""Of a prediction."""
+
+PICK_OPTIONS = {
+    "drop": Option("numbers", "Where the object is let go of: its lowest point, x y z in the world [m].", ((3,),)),
+    "joints": Option(
+        "numbers", "Of the arm when the picture was taken [rad]; with a camera on the arm only.", ((None,),)
+    ),
+    "start": Option(
+        "numbers", "Joint positions from which the arm starts and to which it returns [rad]; else its home.", ((None,),)
+    ),
+    "release": Option("text", "drop, or place: lower the object onto the drop-off point; else as the service says."),
+    **{name: option for name, option in OPTIONS.items() if name not in ("viewpoint", "limit", "answer")},
+}
+"""Of a pick."""
 
 
-def options_of_query(pairs: Iterable[tuple[str, str]]) -> dict[str, Any]:
+def options_of_query(pairs: Iterable[tuple[str, str]], table: Mapping[str, Option] = OPTIONS) -> dict[str, Any]:
     """The values of a query string.
+
+    Args:
+        pairs: names and texts.
+        table: the options that there are.
 
     Raises:
         InputError: an unknown name, one that is given twice, or a value of another kind.
@@ -136,29 +155,36 @@ def options_of_query(pairs: Iterable[tuple[str, str]]) -> dict[str, Any]:
     for name, text in pairs:
         if name in values:
             raise InputError(f"{described(name)} is given twice")
-        values[name] = known_option(name).of_text(text, name)
+        values[name] = known_option(name, table).of_text(text, name)
     return values
 
 
-def known_option(name: str) -> Option:
+def known_option(name: str, table: Mapping[str, Option] = OPTIONS) -> Option:
     """The option of this name.
 
     Raises:
         InputError: there is none; the message names those that there are.
     """
-    if name not in OPTIONS:
-        raise InputError(f"no option {described(name)}; the options are {', '.join(OPTIONS)}")
-    return OPTIONS[name]
+    if name not in table:
+        raise InputError(f"no option {described(name)}; the options are {', '.join(table)}")
+    return table[name]
 
 
-def checked_options(values: Mapping[str, Any]) -> dict[str, Any]:
+def checked_options(values: Mapping[str, Any], table: Mapping[str, Option] = OPTIONS) -> dict[str, Any]:
     """The values as the predictor takes them, without those that are None.
+
+    Args:
+        values: by name.
+        table: the options that there are.
 
     Raises:
         InputError: an unknown name, or a value of another kind, shape or range.
     """
-    checked = {name: known_option(name).checked(value, name) for name, value in values.items() if value is not None}
-    check_choice("answer", checked.get("answer", "json"), ANSWERS)
+    given = {name: value for name, value in values.items() if value is not None}
+    checked = {name: known_option(name, table).checked(value, name) for name, value in given.items()}
+    for name, valid in (("answer", ANSWERS), ("release", RELEASES)):
+        if name in checked:
+            check_choice(name, checked[name], valid)
     for name, least in (("limit", 0), ("instance", 0), ("deadline_ms", 1.0)):
         if checked.get(name, least) < least:
             raise InputError(f"{name} must be at least {least:g}, got {checked[name]:g}")

@@ -68,23 +68,44 @@ class Predicting:
             InputError: the values are no scene; see `Predictor`.
             TooLateError: there is no time left to begin.
         """
+        prediction, waited_ms = self.predict(ask, arrived)
+        return answer_bytes(prediction, ask.options.get("answer", "json"), {"waited_ms": waited_ms})
+
+    def predict(self, ask: Ask, arrived: float) -> tuple[Prediction, float]:
+        """What is found, with the grasps that are asked for, and how long the request waited [ms].
+
+        Args:
+            ask: what is asked.
+            arrived: when the request came, by the clock [s].
+
+        Raises:
+            InputError: the values are no scene; see `Predictor`.
+            TooLateError: there is no time left to begin.
+        """
         begun = self._clock()
         waited = begun - arrived
         self.metrics.waiting.observe(waited)
-        prediction = _chosen(_predict(self._within(ask, 1e3 * waited), ask), ask)
+        prediction = _chosen(_predict(self._within(ask, arrived), ask), ask)
         self.metrics.predicting.observe(self._clock() - begun)
         self.metrics.objects.inc(len(prediction.objects))
         self.metrics.grasps.inc(len(prediction.grasps))
-        return answer_bytes(prediction, ask.options.get("answer", "json"), {"waited_ms": round(1e3 * waited, 3)})
+        return prediction, round(1e3 * waited, 3)
 
-    def _within(self, ask: Ask, waited_ms: float) -> Predictor:
-        """The predictor with what is left of the deadline as its budget, unless its own is smaller."""
+    def left_ms(self, ask: Ask, arrived: float) -> float | None:
+        """What is left of the deadline of a request [ms], below 0 if it has passed; None for no deadline."""
         deadline = ask.options.get("deadline_ms", self._deadline_ms)
-        if deadline is None:
+        return None if deadline is None else deadline - 1e3 * (self._clock() - arrived)
+
+    def _within(self, ask: Ask, arrived: float) -> Predictor:
+        """The predictor with what is left of the deadline as its budget, unless its own is smaller."""
+        left = self.left_ms(ask, arrived)
+        if left is None:
             return self.predictor
-        left = deadline - waited_ms
         if left < LEAST_BUDGET:
-            raise TooLateError(f"the deadline of {deadline:g} ms passed while the request waited {waited_ms:.0f} ms")
+            deadline = ask.options.get("deadline_ms", self._deadline_ms)
+            raise TooLateError(
+                f"the deadline of {deadline:g} ms passed while the request waited {deadline - left:.0f} ms"
+            )
         own = self.predictor.search.budget_ms
         return self.predictor.with_search(budget_ms=left if own is None else min(own, left))
 

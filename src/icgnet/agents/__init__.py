@@ -1,0 +1,1 @@
+"""Tools for agents over the Model Context Protocol; needs the extra `mcp`. Only `cli/` imports this folder."""
