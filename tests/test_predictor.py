@@ -287,7 +287,7 @@ def test_whoever_asks_what_is_in_the_way_gets_the_best_of_each_object_unchecked(
     result = asking.predict_depth(depth, INTRINSICS, camera_pose(), table_height=TABLE_HEIGHT)
     assert np.bincount(result.grasps.instances).max() == 3
     assert set(in_world.grasps.instances) <= set(result.grasps.instances)
-    assert "object" not in result.rejected
+    assert result.rejected["object"] == result.rejected["table"] == result.rejected["points"] == 0
     assert asking.with_search(per_object=1).only_free is False
 
 

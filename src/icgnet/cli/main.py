@@ -21,10 +21,13 @@ COMMANDS = {
         "calibrate_camera:CalibrateCamera",
         "Find where a camera is, on an arm or beside it, from pictures of a printed board.",
     ),
-    "view": ("view:View", "Look at a saved prediction in the browser."),
+    "view": ("view:View", "Look at a saved prediction or at a planned pick in the browser."),
     "serve": ("serve:Serve", "Answer predictions over HTTP, for robots and other programs."),
     "ros2": ("ros2:Ros2", "Answer depth images of ROS 2 with grasps and objects, without ROS on this machine."),
-    "mcp": ("mcp:Mcp", "Give agents tools: look, list objects, find grasps, plan picks."),
+    "mcp": (
+        "mcp:Mcp",
+        "Give agents tools over the Model Context Protocol, on stdin and stdout: look, list_objects, grasp, pick.",
+    ),
     "generate": ("generate:Generate", "Make labelled scenes in simulation, as Parquet files."),
     "dataset inspect": (
         "dataset:Inspect",
@@ -41,7 +44,10 @@ COMMANDS = {
     "evaluate": ("evaluate:Evaluate", "Print the metrics of weights on generated scenes."),
     "benchmark clutter": ("benchmark_clutter:Clutter", "Let a planner grasp scenes empty, and count."),
     "benchmark target": ("benchmark:Target", "Grasp one named object, hidden more or less by others."),
-    "benchmark workcell": ("benchmark_workcell:Workcell", "Let a simulated arm clear a table, or fetch one object."),
+    "benchmark workcell": (
+        "benchmark_workcell:Workcell",
+        "Let a simulated arm with a camera on its wrist clear a table into a box, or fetch one object, and count.",
+    ),
     "benchmark reconstruction": ("benchmark:Reconstruction", "Predicted shapes against true ones."),
     "benchmark segmentation": ("benchmark:Segmentation", "Predicted instances against true ones."),
     "benchmark latency": ("benchmark:Latency", "Time of each stage from a cloud or depth image to grasps."),
@@ -60,7 +66,10 @@ COMMANDS = {
         "gripper:CheckGripper",
         "Check a gripper file, print the measures of the hand, draw it.",
     ),
-    "doctor": ("doctor:Doctor", "Tell what is installed, what is missing, and whether it works."),
+    "doctor": (
+        "doctor:Doctor",
+        "Tell what is installed, what is missing, and whether a prediction works, and how fast.",
+    ),
     "version": ("version:Version", "Print the version."),
 }
 """Name of a subcommand, one or two words -> where in this folder it is, and what it does."""
