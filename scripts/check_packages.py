@@ -78,12 +78,8 @@ def wheel_problems(wheel: Path) -> list[str]:
     problems += [f"{wheel.name} lacks {name}" for name in ESSENTIAL if name not in names]
     if wheel.stat().st_size > LARGEST_WHEEL:
         problems.append(f"{wheel.name} has {wheel.stat().st_size} bytes")
-    sources = subprocess.run(
-        ["git", "-C", ROOT, "ls-tree", "-r", "--name-only", "HEAD", "src/icgnet"],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split()
+    command = ["git", "-C", ROOT, "ls-tree", "-r", "--name-only", "HEAD", "src/icgnet"]
+    sources = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     return problems + [f"{wheel.name} lacks {name}" for name in sources if name.removeprefix("src/") not in names]
 
 

@@ -91,7 +91,8 @@ class CaptureFolder:
             return self._folder / names[0]
         try:
             path = self._folder / name
-            is_one = not Path(name).is_absolute() and path.suffix.lower() in SUFFIXES and self._is_inside(path)
+            is_plain = not Path(name).is_absolute() and ".." not in Path(name).parts
+            is_one = is_plain and path.suffix.lower() in SUFFIXES and self._is_inside(path)
         except (OSError, ValueError):  # names that no file system knows
             is_one = False
         if not is_one:

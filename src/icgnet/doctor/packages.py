@@ -15,7 +15,7 @@ FOR_DEVELOPERS = "dev"
 def package_findings() -> list[Finding]:
     """The packages that icgnet always needs, in one line, and one line for each extra."""
     try:
-        distribution = metadata.distribution(PROJECT)
+        distribution = icgnet_itself()
     except metadata.PackageNotFoundError:
         return [Finding("packages", "not known: icgnet itself is not installed, it runs from its sources")]
     needed = [Requirement(text) for text in distribution.requires or ()]
@@ -33,6 +33,15 @@ def package_findings() -> list[Finding]:
         value, hint = ("; ".join(missing), f'pip install "{PROJECT}[{extra}]"') if missing else ("there", "")
         found.append(Finding(f"extra {extra}", value, hint=hint))
     return found
+
+
+def icgnet_itself() -> metadata.Distribution:
+    """What pip wrote down about the installed icgnet.
+
+    Raises:
+        PackageNotFoundError: it is not installed.
+    """
+    return metadata.distribution(PROJECT)
 
 
 def _wrong(needed: list[Requirement], extra: str) -> Iterator[str]:
