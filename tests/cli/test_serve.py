@@ -101,7 +101,9 @@ def test_a_process_answers_and_finishes_what_runs_when_it_is_terminated(process)
     body = npz(depth=DEPTH, K=INTRINSICS)
 
     def ask():
-        answers.append(httpx.post(f"{url}/predict", content=body, headers={"Content-Type": "application/x-npz"}))
+        answers.append(
+            httpx.post(f"{url}/predict", content=body, headers={"Content-Type": "application/x-npz"}, timeout=60.0)
+        )
 
     caller = threading.Thread(target=ask)
     caller.start()

@@ -38,14 +38,14 @@ BODY = npz(depth=DEPTH, K=INTRINSICS, camera_pose=POSE)
 @pytest.fixture(scope="module")
 def web():
     """A client of a service with the tiny network."""
-    with running(tiny_predictor()) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(tiny_predictor()) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
         yield client
 
 
 @pytest.fixture(scope="module")
 def known():
     """A client of a service that has one prediction for everything."""
-    with running(HeldUpPredictor()) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(HeldUpPredictor()) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
         yield client
 
 
@@ -177,7 +177,7 @@ def test_openapi_names_every_option_and_answer(web):
 
 
 def test_metrics_count_requests_by_route_and_status():
-    with running(HeldUpPredictor()) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(HeldUpPredictor()) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
         assert post(client, BODY).status_code == 200
         assert post(client, BODY, PNG).status_code == 422
         assert client.get("/secret/path").status_code == 404
@@ -192,7 +192,10 @@ def test_metrics_count_requests_by_route_and_status():
 
 
 def test_large_bodies_are_refused_while_they_come():
-    with running(HeldUpPredictor(), max_megabytes=0.1) as (url, _, _), httpx.Client(base_url=url) as client:
+    with (
+        running(HeldUpPredictor(), max_megabytes=0.1) as (url, _, _),
+        httpx.Client(base_url=url, timeout=60.0) as client,
+    ):
         assert post(client, bytes(100_001)).status_code == 413
         sent = 0
 
@@ -216,7 +219,10 @@ def test_a_connection_goes_on_after_a_body_that_was_not_read(known):
 
 
 def test_a_body_that_does_not_come_gives_its_place_back():
-    with running(HeldUpPredictor(), queue=0, body_seconds=0.3) as (url, _, _), httpx.Client(base_url=url) as client:
+    with (
+        running(HeldUpPredictor(), queue=0, body_seconds=0.3) as (url, _, _),
+        httpx.Client(base_url=url, timeout=60.0) as client,
+    ):
 
         def slow():
             yield b"PK"
@@ -231,7 +237,10 @@ def test_a_body_that_does_not_come_gives_its_place_back():
 @pytest.mark.parametrize("header", [None, "Bearer wrong", f"Basic {TOKEN}", "Bearer", f"Bearer {TOKEN}x", "Bearer ü"])
 def test_without_its_token_nothing_but_health_is_told(header):
     headers = {} if header is None else {"Authorization": header.encode()}
-    with running(HeldUpPredictor(), TOKEN) as (url, _, _), httpx.Client(base_url=url, headers=headers) as client:
+    with (
+        running(HeldUpPredictor(), TOKEN) as (url, _, _),
+        httpx.Client(base_url=url, headers=headers, timeout=60.0) as client,
+    ):
         for answer in (post(client, BODY), client.get("/metadata"), client.get("/metrics")):
             assert answer.status_code == 401
             assert answer.headers["www-authenticate"] == "Bearer"
@@ -241,7 +250,10 @@ def test_without_its_token_nothing_but_health_is_told(header):
 
 def test_with_its_token_it_answers():
     headers = {"Authorization": f"Bearer {TOKEN}"}
-    with running(HeldUpPredictor(), TOKEN) as (url, _, _), httpx.Client(base_url=url, headers=headers) as client:
+    with (
+        running(HeldUpPredictor(), TOKEN) as (url, _, _),
+        httpx.Client(base_url=url, headers=headers, timeout=60.0) as client,
+    ):
         assert post(client, BODY).status_code == 200
         assert client.get("/metadata").status_code == 200
         # With a token, the machine may have any name.
@@ -294,7 +306,7 @@ def test_settings_out_of_range_are_refused(field, value):
 def test_errors_of_a_prediction_are_answered_and_the_service_goes_on(error, status, said):
     predictor = HeldUpPredictor()
     predictor.error = error
-    with running(predictor) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(predictor) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
         answer = post(client, BODY)
         assert (answer.status_code, answer.json()) == (status, {"error": said})
         predictor.error = None
@@ -307,7 +319,7 @@ def test_numbers_that_are_not_finite_become_null():
             prediction = known_prediction()
             return type(prediction)(**{**vars(prediction), "timings_ms": {"encode": float("nan")}})
 
-    with running(Strange()) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(Strange()) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
         answer = post(client, BODY)
     assert "NaN" not in answer.text
     assert answer.json()["timings_ms"] == {"encode": None}

@@ -165,7 +165,10 @@ def test_somebody_must_say_where_the_camera_is_and_only_one(scene, arm):
         (beside, {"joints": "0,0,0,-1,0,1,0"}, "joints is for a camera on the arm, and that of this service stands"),
     ):
         bench = PickBench(arm, hand_eye)
-        with running(HeldUpPredictor(scene), bench=bench) as (url, _, _), httpx.Client(base_url=url) as client:
+        with (
+            running(HeldUpPredictor(scene), bench=bench) as (url, _, _),
+            httpx.Client(base_url=url, timeout=60.0) as client,
+        ):
             answer = post(client, body, **query)
         assert answer.status_code == 422
         assert said in answer.json()["error"]
@@ -177,7 +180,7 @@ def test_joints_that_are_not_this_arms_are_refused_at_the_start(arm):
 
 
 def test_without_an_arm_it_says_how_to_get_one():
-    with running(HeldUpPredictor()) as (url, _, _), httpx.Client(base_url=url) as client:
+    with running(HeldUpPredictor()) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
         answer = post(client)
         assert (answer.status_code, answer.json()) == (
             404,
@@ -204,7 +207,7 @@ def test_the_token_the_limits_and_the_queue_are_those_of_predictions(scene, arm)
     headers = {"Authorization": f"Bearer {TOKEN}"}
     bench = PickBench(arm)
     with running(predictor, TOKEN, bench, queue=0, max_megabytes=0.2, max_points=30_000) as (url, _, _):
-        with httpx.Client(base_url=url) as unknown:
+        with httpx.Client(base_url=url, timeout=60.0) as unknown:
             assert post(unknown).status_code == 401
         with httpx.Client(base_url=url, headers=headers, timeout=60.0) as client:
             assert post(client, bytes(200_001)).status_code == 413
