@@ -11,7 +11,7 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
 from icgnet.simulation.arm import ArmModel
 from icgnet.simulation.config import Physics
-from icgnet.simulation.robot_cell import NO_TARGET, DropBox, Motion, PickCause, RobotCell
+from icgnet.simulation.robot_cell import NO_TARGET, DropBox, Command, PickCause, RobotCell
 from icgnet.simulation.scene import BACKGROUND, TABLE
 from icgnet.simulation.surroundings import Surroundings, block
 from icgnet.simulation.world import World
@@ -35,7 +35,7 @@ GRASP = np.array([0.15, 0.15, TABLE_HEIGHT + EDGE / 2])
 
 
 def motion(name, *points, opening=OPEN, seconds=0.6):
-    return Motion(name, np.linspace(0.0, seconds, len(points)), np.array(points), opening)
+    return Command(name, np.linspace(0.0, seconds, len(points)), np.array(points), opening)
 
 
 def phases(grasp=GRASP, height=0.35):

@@ -1,6 +1,6 @@
 """Things that are no objects, told by their shape: waves in the depth of a table, specks, smears, walls of bins, edges.
 
-The network has learned from scenes that hold nothing but objects.
+The network has learned walls, floors and arms of simulated scenes, and still takes these for objects in real ones.
 """
 
 import numpy as np

@@ -110,7 +110,7 @@ class DropBox:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Command:
     """One phase of a pick as the controllers get it.
 
     Attributes:
@@ -222,28 +222,28 @@ class RobotCell:
         """T_world_grasp: where the hand is [m]."""
         return self._world.arm.last_link() @ self._T_joint_grasp
 
-    def move(self, motion: Motion) -> float:
+    def move(self, command: Command) -> float:
         """Moves without anything in the hand; returns how long it took [s]."""
         watch = _Watch(self, NO_TARGET)
-        self._run(motion, watch)
+        self._run(command, watch)
         return watch.seconds
 
-    def pick(self, motions: Sequence[Motion], target: int) -> Carried:
+    def pick(self, commands: Sequence[Command], target: int) -> Carried:
         """Carries out the phases of a pick, one after the other, whatever happens.
 
         Should the simulation become unstable, the pick has failed, and everything is as it was before it.
 
         Args:
-            motions: of the phases, among them close, lift, carry and release.
+            commands: of the phases, among them close, lift, carry and release.
             target: the object that the grasp is for; `NO_TARGET` for none.
         """
         world, before = self._world, self.remaining
         snapshot, centres = world.snapshot(), world.centres_of_mass()
         watch = _Watch(self, target)
-        for motion in motions:
-            watch.begin(motion.name)
-            self._run(motion, watch)
-            watch.end_of(motion.name)
+        for command in commands:
+            watch.begin(command.name)
+            self._run(command, watch)
+            watch.end_of(command.name)
         if world.is_unstable():
             world.restore(snapshot)
             return watch.outcome(PickCause.UNSTABLE, (), (), ())
@@ -258,24 +258,24 @@ class RobotCell:
         cause = PickCause.IN_BOX if target in removed else watch.cause
         return watch.outcome(cause, tuple(removed), tuple(sorted(lost)), tuple(displaced))
 
-    def _run(self, motion: Motion, watch: "_Watch") -> None:
+    def _run(self, command: Command, watch: "_Watch") -> None:
         """Follows one phase in time; closing goes on until the fingers stand still, opening until they are there."""
         world, hand = self._world, self._world.hand
-        self._opening = motion.opening
-        steps = max(1, steps_in(float(motion.times[-1]), world.physics))
+        self._opening = command.opening
+        steps = max(1, steps_in(float(command.times[-1]), world.physics))
         times = world.physics.timestep * np.arange(1, steps + 1)
-        joints = np.stack([np.interp(times, motion.times, column) for column in motion.joints.T], axis=1)
+        joints = np.stack([np.interp(times, command.times, column) for column in command.joints.T], axis=1)
         speeds = np.gradient(joints, world.physics.timestep, axis=0) if steps > 1 else np.zeros_like(joints)
         for position, speed in zip(joints, speeds, strict=True):
             world.arm.follow(position, speed)
             self._step(watch)
             watch.follow(position)
-        if motion.opening is None and motion.name == "close":
+        if command.opening is None and command.name == "close":
             for _ in range(steps_in(closing_time(self._gripper) + CLOSE_MARGIN, world.physics)):
                 self._step(watch)
                 if hand.finger_speed() < CLOSED_SPEED:
                     break
-        elif motion.name == "release":
+        elif command.name == "release":
             for _ in range(steps_in(LONGEST_OPENING, world.physics)):
                 self._step(watch)
 

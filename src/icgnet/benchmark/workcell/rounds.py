@@ -22,7 +22,7 @@ from icgnet.benchmark.config import NOTHING_FOUND, WorkcellConfig
 from icgnet.benchmark.planners.oracle import held_grasps
 from icgnet.benchmark.target import occlusions
 from icgnet.benchmark.workcell.eyes import TRIED, Eyes, Look, instance_under, open_eyes, take_look, true_object
-from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, misplaced, motion_of
+from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, misplaced, command_of
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import invert_transform
 from icgnet.grasping.gripper import Gripper
@@ -375,7 +375,7 @@ class _Game:
         played = replay(plan, self.station.arm)
         owner = true_object(prediction, plan.instance, look.image.ids)
         target = int(self.cell.remaining[owner]) if owner >= 0 else NO_TARGET
-        carried = self.cell.pick([motion_of(phase, TIMESTEP) for phase in plan.phases], target)
+        carried = self.cell.pick([command_of(phase, TIMESTEP) for phase in plan.phases], target)
         self.in_box |= set(carried.removed)
         grasps = prediction.of_instance(plan.instance).grasps
         poses = self.station.T_base_world @ grasps.poses
@@ -431,7 +431,7 @@ class _Game:
             number = (self.view + step) % len(views)
             phase = self.station.move(views[self.view], views[number])
             if phase is not None:
-                self.moving += self.cell.move(motion_of(phase, TIMESTEP))
+                self.moving += self.cell.move(command_of(phase, TIMESTEP))
                 self.view = number
                 return
 

@@ -22,7 +22,7 @@ from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.sensors.config import CAMERAS
 from icgnet.simulation.arm import ArmModel
-from icgnet.simulation.robot_cell import BOX_NAME, DropBox, Motion
+from icgnet.simulation.robot_cell import BOX_NAME, DropBox, Command
 from icgnet.simulation.surroundings import Surroundings
 
 BASE = (-0.35, CENTRE[1], TABLE_HEIGHT)
@@ -163,12 +163,12 @@ class Station:
         return plan_move(self.arm, self.gripper, start, goal, self.unseen)
 
 
-def motion_of(phase: Phase, step: float) -> Motion:
+def command_of(phase: Phase, step: float) -> Command:
     """What the controllers get of a phase, one position every `step` [s]."""
     duration = phase.trajectory.duration
     times = np.linspace(0.0, duration, max(2, int(np.ceil(duration / step)) + 1))
     opening = None if phase.name in HOLDING else phase.opening
-    return Motion(phase.name, times, phase.trajectory.at(times), opening)
+    return Command(phase.name, times, phase.trajectory.at(times), opening)
 
 
 def misplaced(T_mount_camera: Float[np.ndarray, "4 4"], rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
