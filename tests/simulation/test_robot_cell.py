@@ -11,7 +11,7 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
 from icgnet.simulation.arm import ArmModel
 from icgnet.simulation.config import Physics
-from icgnet.simulation.robot_cell import NO_TARGET, DropBox, Command, PickCause, RobotCell
+from icgnet.simulation.robot_cell import NO_TARGET, Command, DropBox, PickCause, RobotCell
 from icgnet.simulation.scene import BACKGROUND, TABLE
 from icgnet.simulation.surroundings import Surroundings, block
 from icgnet.simulation.world import World

@@ -22,7 +22,7 @@ from icgnet.benchmark.config import NOTHING_FOUND, WorkcellConfig
 from icgnet.benchmark.planners.oracle import held_grasps
 from icgnet.benchmark.target import occlusions
 from icgnet.benchmark.workcell.eyes import TRIED, Eyes, Look, instance_under, open_eyes, take_look, true_object
-from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, misplaced, command_of
+from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, command_of, misplaced
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import invert_transform
 from icgnet.grasping.gripper import Gripper

@@ -22,7 +22,7 @@ from icgnet.geometry.workspace import CENTRE, TABLE_HEIGHT
 from icgnet.grasping.gripper import Gripper
 from icgnet.sensors.config import CAMERAS
 from icgnet.simulation.arm import ArmModel
-from icgnet.simulation.robot_cell import BOX_NAME, DropBox, Command
+from icgnet.simulation.robot_cell import BOX_NAME, Command, DropBox
 from icgnet.simulation.surroundings import Surroundings
 
 BASE = (-0.35, CENTRE[1], TABLE_HEIGHT)
