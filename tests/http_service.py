@@ -2,7 +2,8 @@
 
 import io
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -42,6 +43,14 @@ def known_prediction() -> Prediction:
         for item in found.objects
     ]
     return replace(found, objects=tuple(objects))
+
+
+def wait_until(holds: Callable[[], bool], seconds: float = 30.0) -> None:
+    """Until it holds, which fails after that time."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.005)
 
 
 class HeldUpPredictor(Predictor):

@@ -12,7 +12,7 @@ import pytest
 
 import needs_arm  # noqa: F401
 from arm_scenes import T_BASE_FRAME, arm_file, box, boxes_seen
-from http_service import DEPTH, POSE, TOKEN, HeldUpPredictor, depth_png, npz, png, running
+from http_service import DEPTH, POSE, TOKEN, HeldUpPredictor, depth_png, npz, png, running, wait_until
 from icgnet.arm.arm import Arm
 from icgnet.arm.hand_eye import HandEye
 from icgnet.arm.pick import NO_TIME, plan_pick
@@ -232,10 +232,14 @@ def test_the_token_the_limits_and_the_queue_are_those_of_predictions(scene, arm)
 
 def test_the_deadline_is_the_budget_of_the_prediction_and_of_the_plan(scene, arm):
     predictor = HeldUpPredictor(scene)
-    with running(predictor, bench=PickBench(arm)) as (url, _, _), httpx.Client(base_url=url, timeout=60.0) as client:
+    with (
+        running(predictor, bench=PickBench(arm)) as (url, service, _),
+        httpx.Client(base_url=url, timeout=60.0) as client,
+    ):
         told = post(client, deadline_ms=60_000).json()
         assert told["plan"]["phases"]
         assert 50_000 < predictor.budgets[-1] < 60_000
+        assert predictor.begun.acquire(timeout=30)  # that of the request above
         predictor.may_end.clear()
         answers: list[httpx.Response] = []
         first = threading.Thread(target=lambda: answers.append(post(client)))
@@ -243,6 +247,7 @@ def test_the_deadline_is_the_budget_of_the_prediction_and_of_the_plan(scene, arm
         assert predictor.begun.acquire(timeout=30)
         late = threading.Thread(target=lambda: answers.append(post(client, deadline_ms=50)))
         late.start()
+        wait_until(lambda: service.worker.taken == 2)
         time.sleep(0.2)
         predictor.may_end.set()
         first.join()

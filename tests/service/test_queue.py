@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import pytest
 
-from http_service import DEPTH, HeldUpPredictor, npz, running
+from http_service import DEPTH, HeldUpPredictor, npz, running, wait_until
 from tabletop_scenes import INTRINSICS
 
 BODY = npz(depth=DEPTH, K=INTRINSICS)
@@ -16,13 +16,6 @@ HEADERS = {"Content-Type": "application/x-npz"}
 
 def post(url: str, timeout: float = 20.0, **query) -> httpx.Response:
     return httpx.post(f"{url}/predict", content=BODY, params=query, headers=HEADERS, timeout=timeout)
-
-
-def wait_until(holds) -> None:
-    end = time.monotonic() + 10.0
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 @pytest.fixture
@@ -61,10 +54,11 @@ def test_a_full_service_does_not_wait_for_the_body(held):
 
 
 def test_what_waited_is_taken_off_the_budget(held):
-    with running(held, deadline_ms=5000.0) as (url, _, _), ThreadPoolExecutor(2) as callers:
+    with running(held, deadline_ms=5000.0) as (url, service, _), ThreadPoolExecutor(2) as callers:
         calls = [callers.submit(post, url)]
         assert held.begun.acquire(timeout=10)
         calls.append(callers.submit(post, url, deadline_ms=9000))
+        wait_until(lambda: service.worker.taken == 2)
         time.sleep(0.3)
         held.may_end.set()
         answers = [call.result() for call in calls]
