@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.network.config import NetworkConfig
+from icgnet.network.dense_map import DenseMap
 from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.hand_input import HandInput
 from icgnet.network.layers import ResidualBlock
@@ -93,6 +94,9 @@ class ContactDecoder(nn.Module):
     def success_layer(self) -> nn.Linear:
         """The layer that the logits come from."""
         return self.quality.end
+
+    def hand_map(self, finest: DenseMap, given: DenseMap) -> None:
+        """Nothing is read at the hand."""
 
     def forward(self, inputs: ContactInputs) -> Affordance:
         """Affordance from point features at contacts and the latent of each contact's instance."""

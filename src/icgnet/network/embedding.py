@@ -15,6 +15,14 @@ from icgnet.network.tokens import Tokens
 
 
 @dataclass(frozen=True, eq=False)
+class TokenReads:
+    """Features of the tokens, projected for each task; per level that is decoded, coarse to fine."""
+
+    occupancy: tuple[Float[Tensor, "_ d"], ...]
+    affordance: tuple[Float[Tensor, "_ d"], ...]
+
+
+@dataclass(frozen=True, eq=False)
 class SceneEmbedding:
     """One encoded scene. Decode it as often as wanted, also after other scenes were encoded."""
 
@@ -30,6 +38,10 @@ class SceneEmbedding:
     """Volumetric maps that belong to the token levels."""
     dense_input: DenseMap
     """Input of the dense part: occupancy, and visibility if the configuration has it."""
+    of_tokens: TokenReads
+    """What the decoders read of the tokens wherever they are asked."""
+    hand_map: DenseMap | None
+    """What a decoder of grasps reads at the hand; None if it reads nothing there."""
     query_positions: Float[Tensor, "q 3"]
     """Where each query started [m, workspace frame]."""
     votes: Float[Tensor, "v 3"] | None

@@ -15,7 +15,6 @@ from icgnet.grasping.frame import APPROACH_ANGLES, SINGULAR_COSINE
 from icgnet.network.config import NetworkConfig
 from icgnet.network.decoders import Affordance, ContactInputs
 from icgnet.network.dense_map import DenseMap
-from icgnet.network.embedding import SceneEmbedding
 from icgnet.network.hand_input import HAND_NUMBERS, OUTSIDE_RAYS
 from icgnet.network.tokens import decoder_map_widths, token_widths
 
@@ -92,7 +91,8 @@ class HandDecoder(nn.Module):
         """Affordance at contacts, from what is around the hand at each approach angle."""
         contacts, normals, hand = inputs.contacts, inputs.normals, inputs.hand
         contact = self.contact_features(inputs)
-        readable = self.readable_map(inputs.embedding)
+        readable = inputs.embedding.hand_map
+        assert readable is not None
         frames = hand_frames(normals, len(APPROACH_ANGLES))
         points = contacts[:, None, None] + torch.einsum("gaij,kj->gaki", frames, hand.points)
         reads = readable.trilinear(points.reshape(-1, 3)).view(*points.shape[:2], -1)
@@ -111,9 +111,8 @@ class HandDecoder(nn.Module):
             parts.append(project(tokens.features[tokens.search.nearest(inputs.contacts, 1)[:, 0]]))
         return torch.relu(self.contact(torch.cat([*parts, numbers], 1)))
 
-    def readable_map(self, embedding: SceneEmbedding) -> DenseMap:
+    def hand_map(self, finest: DenseMap, given: DenseMap) -> DenseMap:
         """The finest dense map projected to few channels, with the input's occupancy and visibility beside it."""
-        finest, given = embedding.dense_maps[-1], embedding.dense_input
         projected = self.project(finest.features)
         both = torch.cat([projected, given.features[..., : self.input_channels]], 3)
         return DenseMap(both, finest.pitch, finest.origin)

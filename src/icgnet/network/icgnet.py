@@ -15,7 +15,7 @@ from icgnet.network.config import NetworkConfig
 from icgnet.network.decoders import Affordance, ConditionedDecoder, ContactDecoder, ContactInputs
 from icgnet.network.dense_map import DenseMap
 from icgnet.network.dense_unet import CoarseVolume, DenseUNet
-from icgnet.network.embedding import SceneEmbedding
+from icgnet.network.embedding import SceneEmbedding, TokenReads
 from icgnet.network.hand_decoder import HandDecoder
 from icgnet.network.hand_input import HandInput
 from icgnet.network.inputs import SceneInput, surface_features
@@ -71,13 +71,20 @@ class IcgNet(nn.Module):
     def _embed(self, scene: SceneInput, levels: tuple[Tokens, ...], maps: tuple[DenseMap, ...]) -> SceneEmbedding:
         bounds = scene_bounds(scene.positions, self.config)
         query_positions, votes, stages = self.refinement(levels, self.encoding, bounds)
+        maps = self.coarse_volume(maps)
+        given = DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), PITCH, scene.grid.origin)
         return SceneEmbedding(
             voxels=scene.voxels,
             positions=scene.positions,
             bounds=bounds,
             tokens=levels,
-            dense_maps=self.coarse_volume(maps),
-            dense_input=DenseMap(scene.dense.permute(1, 2, 3, 0).contiguous(), PITCH, scene.grid.origin),
+            dense_maps=maps,
+            dense_input=given,
+            of_tokens=TokenReads(
+                self.occupancy_features.of_tokens(levels, self.pooling),
+                self.affordance_features.of_tokens(levels, self.pooling),
+            ),
+            hand_map=self.affordance.hand_map(maps[-1], given),
             query_positions=query_positions,
             votes=votes,
             stages=stages,
@@ -122,7 +129,8 @@ class IcgNet(nn.Module):
     ) -> tuple[Float[Tensor, "n f"], Float[Tensor, "i c"]]:
         """Features at the points, and what the decoder is told of the queries."""
         stage, _ = self._stage(embedding, stage)
-        features = self.occupancy_features(points, embedding, feature_level(stage), self.pooling)
+        of_tokens = embedding.of_tokens.occupancy
+        features = self.occupancy_features(points, embedding, of_tokens, feature_level(stage), self.pooling)
         return features, self._latent(embedding, queries, embedding.stages[stage].queries)
 
     def _placed(self, features: Tensor, points: Tensor, seeds: Tensor, embedding: SceneEmbedding) -> Tensor:
@@ -160,7 +168,8 @@ class IcgNet(nn.Module):
         stage, affordance_queries = self._stage(embedding, stage)
         level = feature_level(stage)
         with _full_precision(contacts):
-            features = self.affordance_features(contacts, embedding, level, self.pooling)
+            of_tokens = embedding.of_tokens.affordance
+            features = self.affordance_features(contacts, embedding, of_tokens, level, self.pooling)
             seeds = embedding.query_positions[queries]
             features = placed(features, self.encoding(contacts, seeds, embedding.bounds))
             latent = self._latent(embedding, queries, affordance_queries)

@@ -24,17 +24,32 @@ class NeighbourPooling(nn.Module):
         self.view_depth = config.view_depth
         self.layers = nn.Sequential(ResidualBlock(width + 3 + self.view_depth, width), ResidualBlock(width, width))
 
+    def of_tokens(self, features: Float[Tensor, "t c"]) -> Float[Tensor, "t d"]:
+        """What the first block makes of the tokens' features alone, which is the same for every point: 2 c channels."""
+        block, width = self.layers[0], features.shape[1]
+        return torch.cat(
+            [
+                nn.functional.linear(torch.relu(features), block.first.weight[:, :width], block.first.bias),
+                nn.functional.linear(features, block.shortcut.weight[:, :width]),
+            ],
+            1,
+        )
+
     def forward(
-        self, points: Float[Tensor, "n 3"], tokens: Tokens, features: Float[Tensor, "t c"]
+        self, points: Float[Tensor, "n 3"], tokens: Tokens, of_tokens: Float[Tensor, "t d"]
     ) -> Float[Tensor, "n c"]:
-        """`features` are the tokens' features, projected to the width of the queries."""
+        """Features at points; `of_tokens` is what the method of that name gave, of any features of the tokens."""
         rows = tokens.search.nearest(points, self.count)
         offsets = (tokens.positions[rows] - points.detach()[:, None]) / tokens.pitch
-        nearby = features.index_select(0, rows.reshape(-1)).view(*rows.shape, -1)
-        parts = [nearby, offsets.to(nearby.dtype)]
         if self.view_depth:
-            parts.append(-(offsets * tokens.sight[rows]).sum(2, keepdim=True).to(nearby.dtype))
-        return self.layers(torch.cat(parts, 2)).amax(1)
+            offsets = torch.cat([offsets, -(offsets * tokens.sight[rows]).sum(2, keepdim=True)], 2)
+        offsets = offsets.to(of_tokens.dtype)
+        hidden, through = of_tokens.index_select(0, rows.reshape(-1)).view(*rows.shape, -1).chunk(2, 2)
+        block, width = self.layers[0], hidden.shape[2]
+        hidden = hidden + nn.functional.linear(torch.relu(offsets), block.first.weight[:, width:])
+        through = through + nn.functional.linear(offsets, block.shortcut.weight[:, width:])
+        nearby = torch.relu(through + block.second(torch.relu(hidden)))
+        return self.layers[1](nearby).amax(1)
 
 
 class Interpolation(nn.Module):
@@ -53,17 +68,25 @@ class Interpolation(nn.Module):
         self.sparse = nn.ModuleList(ResidualBlock(channels, width) for channels in token_widths(config)[levels])
         self.merge = ResidualBlock(2 * width, width - 3)
 
+    def of_tokens(self, tokens: tuple[Tokens, ...], pooling: NeighbourPooling) -> tuple[Float[Tensor, "_ d"], ...]:
+        """What `forward` wants to know of the tokens at each level that is read, whatever the points."""
+        levels = tokens[self.first_level :]
+        return tuple(
+            pooling.of_tokens(project(level.features)) for project, level in zip(self.sparse, levels, strict=True)
+        )
+
     def forward(
         self,
         points: Float[Tensor, "n 3"],
         embedding: SceneEmbedding,
+        of_tokens: tuple[Float[Tensor, "_ d"], ...],
         level: int,
         pooling: NeighbourPooling,
     ) -> Float[Tensor, "n c"]:
         """Features at points [m, table frame], read at one level (0 coarse to 3 fine); width - 3 channels."""
-        tokens, own = embedding.tokens[level], level - self.first_level
+        own = level - self.first_level
         volume = self.dense[own](embedding.dense_maps[level].trilinear(points))
-        surface = pooling(points, tokens, self.sparse[own](tokens.features))
+        surface = pooling(points, embedding.tokens[level], of_tokens[own])
         return self.merge(torch.cat([volume, surface], 1))
 
 
