@@ -26,14 +26,10 @@ class NeighbourPooling(nn.Module):
 
     def of_tokens(self, features: Float[Tensor, "t c"]) -> Float[Tensor, "t d"]:
         """What the first block makes of the tokens' features alone, which is the same for every point: 2 c channels."""
-        block, width = self.layers[0], features.shape[1]
-        return torch.cat(
-            [
-                nn.functional.linear(torch.relu(features), block.first.weight[:, :width], block.first.bias),
-                nn.functional.linear(features, block.shortcut.weight[:, :width]),
-            ],
-            1,
-        )
+        width = features.shape[1]
+        first, _, shortcut = self._first_block()
+        hidden = nn.functional.linear(torch.relu(features), first.weight[:, :width], first.bias)
+        return torch.cat([hidden, nn.functional.linear(features, shortcut.weight[:, :width])], 1)
 
     def forward(
         self, points: Float[Tensor, "n 3"], tokens: Tokens, of_tokens: Float[Tensor, "t d"]
@@ -44,12 +40,19 @@ class NeighbourPooling(nn.Module):
         if self.view_depth:
             offsets = torch.cat([offsets, -(offsets * tokens.sight[rows]).sum(2, keepdim=True)], 2)
         offsets = offsets.to(of_tokens.dtype)
+        first, second, shortcut = self._first_block()
         hidden, through = of_tokens.index_select(0, rows.reshape(-1)).view(*rows.shape, -1).chunk(2, 2)
-        block, width = self.layers[0], hidden.shape[2]
-        hidden = hidden + nn.functional.linear(torch.relu(offsets), block.first.weight[:, width:])
-        through = through + nn.functional.linear(offsets, block.shortcut.weight[:, width:])
-        nearby = torch.relu(through + block.second(torch.relu(hidden)))
-        return self.layers[1](nearby).amax(1)
+        width = hidden.shape[2]
+        hidden = hidden + nn.functional.linear(torch.relu(offsets), first.weight[:, width:])
+        through = through + nn.functional.linear(offsets, shortcut.weight[:, width:])
+        return self.layers[1](torch.relu(through + second(torch.relu(hidden)))).amax(1)
+
+    def _first_block(self) -> tuple[nn.Linear, nn.Linear, nn.Linear]:
+        """First layer, second layer and shortcut."""
+        block = self.layers[0]
+        assert isinstance(block, ResidualBlock)
+        assert isinstance(block.shortcut, nn.Linear)
+        return block.first, block.second, block.shortcut
 
 
 class Interpolation(nn.Module):
