@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy import ndimage
 from scipy.special import expit
 from skimage import measure
@@ -15,7 +15,8 @@ from skimage import measure
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.inference.instances import Instance
 from icgnet.network.icgnet import IcgNet
-from icgnet.network.surface import cells_with, extract_mesh
+from icgnet.network.lattice import Lattice
+from icgnet.network.surface import extract_mesh
 
 SIDE_PADDING = 0.04
 """A shape is looked for this far beyond the seen points, sideways [m]: the camera sees the front only."""
@@ -142,10 +143,13 @@ class SceneOccupancy:
         """The largest of the probabilities of all shapes."""
         occupied = np.zeros(len(points))
         inside = {}
+        # One axis at a time: small reductions would take ten times as long.
+        x, y, z = np.ascontiguousarray(points.T)
         for number, shape in enumerate(self._shapes):
-            rows = np.flatnonzero(((points >= shape.lower) & (points <= shape.upper)).all(axis=1))
-            if len(rows):
-                inside[number] = rows
+            low, high = shape.lower, shape.upper
+            near = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]) & (z >= low[2]) & (z <= high[2])
+            if near.any():
+                inside[number] = np.flatnonzero(near)
         self._decode(inside)
         for number, rows in inside.items():
             index = (points[rows] - self._shapes[number].lower) / GRID_PITCH
@@ -174,28 +178,19 @@ class SceneOccupancy:
 
 
 def decode_lattices(shapes: Sequence[Shape]) -> list[Float[np.ndarray, "_ _ _"]]:
-    """Logits of each shape on a lattice: at its pitch near surface and seen points, elsewhere at twice the pitch."""
-    cells = [np.maximum(np.ceil((each.upper - each.lower) / (2 * GRID_PITCH)), 1).astype(int) for each in shapes]
-    nodes = [
-        np.stack(np.meshgrid(*(np.arange(n + 1) for n in each), indexing="ij"), -1).reshape(-1, 3) for each in cells
-    ]
-    coarse = _decode_together(
-        shapes, [each.lower + 2 * GRID_PITCH * index for each, index in zip(shapes, nodes, strict=True)]
-    )
-    lattices, near = [], []
-    for shape, count, values in zip(shapes, cells, coarse, strict=True):
-        fine_index = np.stack(np.meshgrid(*(np.arange(2 * n + 1) for n in count), indexing="ij"))
-        fine = ndimage.map_coordinates(values.reshape(count + 1), fine_index / 2, order=1)
-        wanted = np.argwhere(_near_surface(fine) | _near_seen(shape, fine.shape))
-        # Every other node is one of the coarse lattice, which is known.
-        near.append(wanted[(wanted % 2 != 0).any(axis=1)])
-        lattices.append(fine)
-    exact = _decode_together(
-        shapes, [each.lower + GRID_PITCH * index for each, index in zip(shapes, near, strict=True)]
-    )
-    for fine, index, values in zip(lattices, near, exact, strict=True):
-        fine[tuple(index.T)] = values
-    return lattices
+    """Logits of each shape on a lattice: exact around its surface and seen points, see `Lattice`."""
+    coarse = [Lattice.over(each.lower, each.upper, 2 * GRID_PITCH) for each in shapes]
+    _fill_together(shapes, coarse)
+    fine = [lattice.halved(shape.seen) for shape, lattice in zip(shapes, coarse, strict=True)]
+    _fill_together(shapes, fine)
+    return [lattice.values for lattice in fine]
+
+
+def _fill_together(shapes: Sequence[Shape], lattices: Sequence[Lattice]) -> None:
+    while any(map(len, missing := [lattice.missing() for lattice in lattices])):
+        points = [lattice.positions(nodes) for lattice, nodes in zip(lattices, missing, strict=True)]
+        for lattice, nodes, logits in zip(lattices, missing, _decode_together(shapes, points), strict=True):
+            lattice.fill(nodes, logits)
 
 
 @torch.no_grad()
@@ -204,8 +199,6 @@ def _decode_together(
 ) -> list[Float[np.ndarray, "_"]]:
     """Occupancy logits of each shape at its own points [m]."""
     counts = [len(each) for each in points]
-    if sum(counts) == 0:
-        return [np.zeros(0) for _ in shapes]
     network, embedding = shapes[0].network, shapes[0].instance.scene.embedding
     queries = torch.tensor([each.instance.query for each in shapes], device=network.device)
     rows = torch.arange(len(shapes), device=network.device).repeat_interleave(
@@ -217,16 +210,3 @@ def _decode_together(
         for part, row in zip(together.split(POINTS_AT_ONCE), rows.split(POINTS_AT_ONCE), strict=True)
     ]
     return np.split(torch.cat(logits).numpy().astype(np.float64), np.cumsum(counts)[:-1])
-
-
-def _near_seen(shape: Shape, nodes: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
-    """Nodes of the lattice next to a point that was seen."""
-    around = cells_with(shape.seen, shape.lower - 0.5 * GRID_PITCH, GRID_PITCH, nodes)
-    return ndimage.binary_dilation(around, np.ones((3, 3, 3), dtype=bool))
-
-
-def _near_surface(logits: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
-    """Nodes next to one of the other sign."""
-    inside = logits > 0
-    block = np.ones((3, 3, 3), dtype=bool)
-    return np.logical_xor(ndimage.binary_dilation(inside, block), ndimage.binary_erosion(inside, block))

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float
-from scipy import ndimage
+from jaxtyping import Float
 from skimage import measure
 from torch import Tensor
 
 from icgnet.errors import InputError
+from icgnet.network.lattice import Lattice
 
 _COARSEST = 16
 _BATCH = 1 << 14
@@ -26,9 +26,9 @@ def extract_mesh(
 ) -> trimesh.Trimesh:
     """Closed surface where an occupancy field crosses 0, inside a box; an empty mesh if it crosses nowhere.
 
-    Starts with a coarse grid and halves only the cells near the surface (as MISE does) and around points that were seen
-    on it: away from these, a thing thinner than a cell of the coarse grid can be missed. A shape that reaches the
-    border of the box is cut off and closed there.
+    Starts with a coarse grid and halves only the cells that the surface passes through and those around points that
+    were seen on it, see `Lattice`: away from these, a thing thinner than a cell of the coarse grid can be missed. A
+    shape that reaches the border of the box is cut off and closed there.
 
     Args:
         occupancy: from points `[n, 3]` (float32 [m]) to logits `[n]`, above 0 inside.
@@ -45,80 +45,18 @@ def extract_mesh(
         raise InputError(f"no box to extract from: {lower} to {upper} at resolution {resolution}")
     halvings = max(0, int(np.ceil(np.log2(resolution / _COARSEST))))
     pitch = (upper - lower).max() / resolution
-    coarse_pitch = pitch * 2**halvings
-    cells = np.maximum(1, np.ceil((upper - lower) / coarse_pitch - 1e-6)).astype(int)
-
-    values = _evaluate(occupancy, np.argwhere(np.ones(cells + 1, bool)), lower, coarse_pitch).reshape(cells + 1)
-    for halving in range(halvings):
-        crossed = _cells_crossed(values)
-        if seen is not None:
-            crossed |= cells_with(seen, lower, coarse_pitch / 2**halving, crossed.shape)
-        active = _double_cells(ndimage.binary_dilation(crossed, np.ones((3, 3, 3))))
-        values = _double_vertices(values)
-        wanted = np.argwhere(_vertices_of(active))
-        wanted = wanted[(wanted % 2 != 0).any(1)]
-        values[tuple(wanted.T)] = _evaluate(occupancy, wanted, lower, coarse_pitch / 2 ** (halving + 1))
-    return _marching_cubes(values, lower, pitch)
+    lattice = Lattice.over(lower, upper, pitch * 2**halvings)
+    _fill(lattice, occupancy)
+    for _ in range(halvings):
+        lattice = lattice.halved(seen)
+        _fill(lattice, occupancy)
+    return _marching_cubes(lattice.values, lower, pitch)
 
 
-def _evaluate(
-    occupancy: Callable[[Tensor], Tensor], vertices: np.ndarray, lower: np.ndarray, pitch: float
-) -> np.ndarray:
-    points = torch.from_numpy((lower + vertices * pitch).astype(np.float32))
-    parts = [occupancy(part).float().cpu() for part in points.split(_BATCH)]
-    return torch.cat(parts).numpy() if parts else np.zeros(0, np.float32)
-
-
-def _cells_crossed(values: np.ndarray) -> np.ndarray:
-    """Cells with corners of both signs."""
-    corners = np.stack([values[_shift(x), _shift(y), _shift(z)] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    return (corners.min(0) <= 0) & (corners.max(0) > 0)
-
-
-def cells_with(
-    points: Float[np.ndarray, "n 3"], lower: Float[np.ndarray, "3"], pitch: float, shape: tuple[int, ...]
-) -> Bool[np.ndarray, "x y z"]:
-    """Which cells of a grid of this shape hold a point; points outside of the grid are in none.
-
-    Args:
-        points: positions [m].
-        lower: corner of the first cell [m].
-        pitch: size of a cell [m].
-        shape: number of cells along each axis.
-    """
-    cells = np.floor((points - lower) / pitch).astype(np.int64)
-    cells = cells[((cells >= 0) & (cells < shape)).all(axis=1)]
-    held = np.zeros(shape, bool)
-    held[tuple(cells.T)] = True
-    return held
-
-
-def _shift(side: int) -> slice:
-    return slice(1, None) if side else slice(None, -1)
-
-
-def _double_cells(cells: np.ndarray) -> np.ndarray:
-    return cells.repeat(2, 0).repeat(2, 1).repeat(2, 2)
-
-
-def _double_vertices(values: np.ndarray) -> np.ndarray:
-    """Values at twice the resolution, the new ones by linear interpolation."""
-    for axis in range(3):
-        values = np.moveaxis(values, axis, 0)
-        doubled = np.empty((2 * len(values) - 1, *values.shape[1:]), values.dtype)
-        doubled[::2] = values
-        doubled[1::2] = (values[1:] + values[:-1]) / 2
-        values = np.moveaxis(doubled, 0, axis)
-    return values
-
-
-def _vertices_of(cells: np.ndarray) -> np.ndarray:
-    vertices = np.zeros(np.array(cells.shape) + 1, bool)
-    for x in (0, 1):
-        for y in (0, 1):
-            for z in (0, 1):
-                vertices[_shift(x), _shift(y), _shift(z)] |= cells
-    return vertices
+def _fill(lattice: Lattice, occupancy: Callable[[Tensor], Tensor]) -> None:
+    while len(nodes := lattice.missing()):
+        points = torch.from_numpy(lattice.positions(nodes).astype(np.float32))
+        lattice.fill(nodes, torch.cat([occupancy(part).float().cpu() for part in points.split(_BATCH)]).numpy())
 
 
 def _marching_cubes(values: np.ndarray, lower: np.ndarray, pitch: float) -> trimesh.Trimesh:
