@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8
+from jaxtyping import Bool, Float, Int, Int8
 
 from icgnet.geometry.clouds import voxel_downsample
 from icgnet.geometry.transforms import invert_transform
@@ -32,6 +32,8 @@ POINT_COUNT = 2
 """So many of the thinned points inside the hand are a collision; a single one may be a stray."""
 DRAW_BACK_LIMIT, DRAW_BACK_MARGIN = 0.008, 0.001
 """How far a hand may be drawn back to clear the table, and by how much it must clear it [m]."""
+BLOCK = 0.3
+"""Points are compared with the hands near their square of this size only [m]."""
 BATCH = 200_000
 """Points that the occupancy is asked for at once."""
 
@@ -184,29 +186,56 @@ def hits_points(
     """
     hand = _HandBoxes.of(gripper)
     halves = hand.halves + margin
+    centres = hand.centres_at(openings)
+    reach = (np.linalg.norm(centres, axis=2) + np.linalg.norm(halves, axis=1)).max(axis=1, initial=0.0)
+    counts = np.zeros(len(poses), dtype=np.int64)
+    for block in _blocks(points):
+        middle = (block.min(axis=0) + block.max(axis=0)) / 2
+        radius = np.linalg.norm(block - middle, axis=1).max()
+        near = np.flatnonzero(np.linalg.norm(poses[:, :3, 3] - middle, axis=1) <= reach + radius)
+        for part in _batches(len(near), len(block)):
+            index = near[part]
+            counts[index] += _count_inside(poses[index], centres[index], hand.closed, halves, block)
+    return counts >= POINT_COUNT
+
+
+def _count_inside(
+    poses: Float[np.ndarray, "g 4 4"],
+    centres: Float[np.ndarray, "g b 3"],
+    closed: Float[np.ndarray, "b 3"],
+    halves: Float[np.ndarray, "b 3"],
+    points: Float[np.ndarray, "n 3"],
+) -> Int[np.ndarray, "g"]:
+    """How many of the points lie inside of the boxes at each grasp."""
+    T_grasp_world = invert_transform(poses).astype(np.float32)
     columns = points.T.astype(np.float32)
-    hit = np.zeros(len(poses), dtype=bool)
-    for index in _batches(len(poses), len(points)):
-        T_grasp_world = invert_transform(poses[index]).astype(np.float32)
-        centres = hand.centres_at(openings[index])
-        lower, upper = (centres - halves).min(axis=1), (centres + halves).max(axis=1)
-        # One axis and one box at a time, in single precision: small reductions would take ten times as long.
-        local = [T_grasp_world[:, axis, :3] @ columns + T_grasp_world[:, axis, 3:] for axis in range(3)]
-        near = np.ones((len(index), len(points)), dtype=bool)
-        for axis in range(3):
-            near &= (local[axis] >= lower[:, axis, None]) & (local[axis] <= upper[:, axis, None])
-        grasp, point = np.nonzero(near)
-        x, y, z = (values[grasp, point] for values in local)
-        inside = np.zeros(len(grasp), dtype=bool)
-        for box, (half_x, half_y, half_z) in enumerate(halves):
-            from_middle = y - centres[:, box, 1].astype(np.float32)[grasp]
-            inside |= (
-                (np.abs(x - hand.closed[box, 0]) <= half_x)
-                & (np.abs(from_middle) <= half_y)
-                & (np.abs(z - hand.closed[box, 2]) <= half_z)
-            )
-        hit[index] = np.bincount(grasp[inside], minlength=len(index)) >= POINT_COUNT
-    return hit
+    lower, upper = (centres - halves).min(axis=1), (centres + halves).max(axis=1)
+    # One axis and one box at a time, in single precision: small reductions would take ten times as long.
+    local = [T_grasp_world[:, axis, :3] @ columns + T_grasp_world[:, axis, 3:] for axis in range(3)]
+    near = np.ones((len(poses), len(points)), dtype=bool)
+    for axis in range(3):
+        near &= (local[axis] >= lower[:, axis, None]) & (local[axis] <= upper[:, axis, None])
+    grasp, point = np.nonzero(near)
+    x, y, z = (values[grasp, point] for values in local)
+    inside = np.zeros(len(grasp), dtype=bool)
+    for box, (half_x, half_y, half_z) in enumerate(halves):
+        from_middle = y - centres[:, box, 1].astype(np.float32)[grasp]
+        inside |= (
+            (np.abs(x - closed[box, 0]) <= half_x)
+            & (np.abs(from_middle) <= half_y)
+            & (np.abs(z - closed[box, 2]) <= half_z)
+        )
+    return np.bincount(grasp[inside], minlength=len(poses))
+
+
+def _blocks(points: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "_ 3"]]:
+    """The points by squares of `BLOCK`, seen from above."""
+    if len(points) == 0:
+        return []
+    cells = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / BLOCK).astype(np.int64)
+    order = np.lexsort(cells.T)
+    ends = np.flatnonzero((np.diff(cells[order], axis=0) != 0).any(axis=1)) + 1
+    return np.split(points[order], ends)
 
 
 def _hits_objects(
