@@ -1,5 +1,6 @@
 """The training loop: one for a laptop, a GPU or several, through Lightning Fabric."""
 
+import gc
 import json
 import math
 import zlib
@@ -122,6 +123,9 @@ def train(
         validation = validation_samples(
             network, config.sampling, config.validation_scenes, to_validate, object_sets, apart=config.workers > 0
         )
+        # Millions of objects of the data stay to the end: the garbage collector need not walk them after every step.
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         return Trainer(config, fabric, dataset, validation, out, report, start).run(leg_steps)
 
 
