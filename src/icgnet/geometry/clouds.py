@@ -61,7 +61,7 @@ def check_points(points: Any, minimum: int = 100) -> Float[np.ndarray, "n 3"]:
         InputError: no numbers, another shape, fewer than `minimum` finite points, or a cloud that is not in metres.
     """
     cloud = real_array(points, "points", (None, 3), finite=False)
-    finite = cloud[np.isfinite(cloud).all(axis=1)]
+    finite = cloud[_in_every_column(np.isfinite(cloud))]
     sample = finite[:: max(1, len(finite) // 1000)]
     if len(finite) >= minimum and len(sample):
         spread = np.median(np.abs(sample - np.median(sample, axis=0)).max(axis=1))
@@ -85,7 +85,12 @@ def check_points(points: Any, minimum: int = 100) -> Float[np.ndarray, "n 3"]:
 
 def measured_rows(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "m"]:
     """Rows of the points that were measured: finite and within `FARTHEST_POINT` of the origin."""
-    return np.flatnonzero((np.abs(points) < FARTHEST_POINT).all(axis=1))
+    return np.flatnonzero(_in_every_column(np.abs(points) < FARTHEST_POINT))
+
+
+def _in_every_column(holds: Bool[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+    """As `all(axis=1)`, which takes five times as long for so short rows."""
+    return holds[:, 0] & holds[:, 1] & holds[:, 2]
 
 
 def crop(

@@ -1,12 +1,12 @@
 """Where the objects could be grasped, how well that would go, and what the hand would hit."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Int8
 
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
 from icgnet.geometry.workspace import TABLE_HEIGHT, above_table
@@ -253,6 +253,11 @@ def keep_free(
         is_over: asked after every batch of checks; the candidates that are left are not checked.
     """
     points, _ = voxel_downsample(tabletop.cloud.points[tabletop.above], POINT_SPACING)
+
+    def reasons_of(rows: Int[np.ndarray, "k"], openings: Float[np.ndarray, "g"]) -> Int8[np.ndarray, "k"]:
+        poses = grasps.poses[rows]
+        return check_collisions(poses, openings[rows], gripper, occupancy, TABLE_HEIGHT, points=points).reason
+
     found = np.zeros(objects, dtype=np.int64)
     checked = np.zeros(len(grasps), dtype=bool)
     met = np.full(len(grasps), Reason.FREE, dtype=np.int8)
@@ -265,24 +270,21 @@ def keep_free(
         batch = np.flatnonzero(wanted)[: min(at_once, search.max_checked - checked.sum())]
         if len(batch) == 0:
             break
-        collisions = check_collisions(
-            grasps.poses[batch],
-            grasps.openings[batch],
-            gripper,
-            occupancy,
-            TABLE_HEIGHT,
-            points=points,
-        )
+        met[batch] = reasons_of(batch, grasps.openings)
         checked[batch] = True
-        met[batch] = collisions.reason
-        free.append(batch[collisions.free])
-        found += np.bincount(grasps.instances[batch[collisions.free]], minlength=objects)
+        free.append(batch[met[batch] == Reason.FREE])
+        found += np.bincount(grasps.instances[free[-1]], minlength=objects)
         if is_over():
             break
     dropped = ~checked | (met != Reason.FREE)
     reasons = np.where(checked, REASONS.index(COLLISIONS[0]) + met - 1, REASONS.index(UNCHECKED))[dropped]
     rejected = Rejections.of_grasps(grasps.select(dropped), reasons.astype(np.int64), objects)
-    return ranked(grasps.select(np.concatenate([np.zeros(0, dtype=np.int64), *free])), search.select), rejected
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *free])
+    wider = np.minimum(grasps.openings + search.spare_opening, gripper.max_opening)
+    to_widen = rows[wider[rows] > grasps.openings[rows]]
+    roomy = to_widen[reasons_of(to_widen, wider) == Reason.FREE]
+    grasps = replace(grasps, openings=np.where(np.isin(np.arange(len(grasps)), roomy), wider, grasps.openings))
+    return ranked(grasps.select(rows), search.select), rejected
 
 
 def keep_unchecked(grasps: Grasps, objects: int, per_object: int) -> Grasps:

@@ -30,6 +30,8 @@ class GraspSearch:
     """Whether the object's width comes from the network or from a ray through the predicted shape."""
     opening: Literal["predicted", "full"] = "predicted"
     """How far the hand is open on its way: as far as the object's width needs, or fully."""
+    spare_opening: float = 0.0
+    """So much farther the hand is opened than the predicted width needs, where that touches nothing [m]."""
     resample: bool = True
     """Score points of the predicted surfaces, too: of all objects when the seen points give too few good grasps, else
     of those without a grasp, unless `most` ends the search."""
@@ -41,7 +43,7 @@ class GraspSearch:
     def __post_init__(self) -> None:
         check_choices(self)
         check_range(self, 1.0, "contacts", "per_object", "max_checked", "most")
-        check_range(self, 0.0, "few")
+        check_range(self, 0.0, "few", "spare_opening")
         check_range(self, 1.0, "budget_ms")
         check_range(self, 0.0, "min_score", "good_score", most=1.0)
 
