@@ -15,7 +15,7 @@ from tabletop_scenes import INTRINSICS
 
 @pytest.fixture(scope="module")
 def client():
-    with running(tiny_predictor()) as (url, _, _), Client(url) as client:
+    with running(tiny_predictor()) as (url, _, _), Client(url, timeout=120.0) as client:
         yield client
 
 
@@ -157,9 +157,36 @@ def test_no_wait_is_longer_than_half_a_minute(monkeypatch):
 
 def test_an_answer_that_does_not_come_is_not_asked_for_again(monkeypatch):
     client, waits = scripted(monkeypatch, httpx.ReadTimeout("timed out"))
-    with pytest.raises(ServiceError, match="no answer from http://robot: timed out") as caught:
+    with pytest.raises(ServiceError, match="http://robot did not answer within 30 s: it is busy") as caught:
         client.predict_depth(DEPTH, INTRINSICS)
     assert (caught.value.status, waits) == (None, [])
+
+
+@pytest.mark.parametrize("content", [{"text": "<html>a router</html>"}, {"json": {"grasps": []}}, {"json": [1]}])
+def test_what_is_no_service_is_said_to_be_none(monkeypatch, content):
+    for ask in (
+        lambda client: client.metadata(),
+        lambda client: client.predict_depth(DEPTH, INTRINSICS),
+        lambda client: client.predict_depth(DEPTH, INTRINSICS, meshes=True),
+        lambda client: client.pick(DEPTH, INTRINSICS, [0, 0, 1]),
+    ):
+        client, _ = scripted(monkeypatch, {"status_code": 200, **content})
+        with pytest.raises(ServiceError, match="http://robot is no service of icgnet: it answers '"):
+            ask(client)
+
+
+def test_arrays_are_packed_as_the_numpy_of_ubuntu_24_can(monkeypatch):
+    """Before numpy 2.1, `savez` takes any name for that of an array."""
+    packed, savez = {}, np.savez
+
+    def old_savez(file, **arrays):
+        packed.update(arrays)
+        savez(file, **arrays)
+
+    monkeypatch.setattr(np, "savez", old_savez)
+    client, _ = scripted(monkeypatch, OK)
+    client.predict_depth(DEPTH, INTRINSICS)
+    assert set(packed) == {"depth", "K"}
 
 
 @pytest.mark.parametrize("status", [500, 504, 302])
@@ -174,6 +201,7 @@ def test_other_answers_are_errors_at_once(monkeypatch, status):
     ("arguments", "said"),
     [
         ({"url": "robot:8000"}, "url must begin with http:// or https://, got 'robot:8000'"),
+        ({"url": "http://robot:port"}, "url 'http://robot:port' is no address"),
         ({"url": "http://robot", "timeout": 0.0}, "timeout must be above 0 s"),
         ({"url": "http://robot", "retries": -1}, "retries must be at least 0"),
     ],
