@@ -82,6 +82,17 @@ def test_health_and_metadata(client):
     assert client.metadata()["classes"] == list(tiny_predictor().classes)
 
 
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_what_is_for_this_machine_goes_to_no_proxy(client, monkeypatch, host):
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    port = client._http.base_url.port
+    with Client(f"http://{host}:{port}", retries=0) as asked:
+        assert asked.metadata()["classes"]
+    with Client(f"http://robot.invalid:{port}", retries=0) as asked, pytest.raises(ServiceError, match="refused"):
+        asked.metadata()
+
+
 def test_the_token_is_sent():
     with running(HeldUpPredictor(), TOKEN) as (url, _, _):
         with Client(url, TOKEN) as known:

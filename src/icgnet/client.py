@@ -23,6 +23,7 @@ from icgnet.errors import IcgnetError, InputError
 NPZ = "application/x-npz"
 RESULT = ("objects", "grasps", "frame_id")
 FULL, STOPPING, REFUSED = 429, 503, (413, 415, 422)
+LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_WAIT = 0.2
 """Before a lost connection is tried again; twice as long each further time [s]."""
 LONGEST_WAIT = 30.0
@@ -145,9 +146,11 @@ class Client:
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         self._retries, self._timeout = retries, timeout
         try:
-            self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout, transport=transport)
+            # What is for this machine, and the token, goes to no proxy that the environment names.
+            far = httpx.URL(url).host not in LOCAL
         except httpx.InvalidURL as error:
             raise InputError(f"url {url!r} is no address: {error}") from error
+        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout, transport=transport, trust_env=far)
 
     def __enter__(self) -> "Client":
         return self
