@@ -14,6 +14,7 @@ import httpx
 import numpy as np
 import pytest
 
+from icgnet import __version__
 from icgnet import client as client_module
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix, random_rotation
 
@@ -325,6 +326,15 @@ def test_it_ends_quietly_when_it_is_told_to(started, node_module, monkeypatch, r
     assert [type(done[0]), done[1]] == [node_module.Grasping, "shut down"]
 
 
+def test_an_address_that_is_none_is_one_line(started, node_module, monkeypatch):
+    started()
+    monkeypatch.setattr(FakeNode, "parameters", {"url": "robot:8000"})
+    for name in ("init", "try_shutdown"):
+        monkeypatch.setattr(node_module.rclpy, name, lambda: None, raising=False)
+    with pytest.raises(SystemExit, match="error: url must begin with http:// or https://, got 'robot:8000'"):
+        node_module.main()
+
+
 def test_images_are_read_as_sensors_send_them_and_only_the_newest(started):
     node, _ = started()
     assert set(node.subscriptions) == {"image", "camera_info"}
@@ -335,6 +345,8 @@ def test_images_are_read_as_sensors_send_them_and_only_the_newest(started):
 def test_the_package_is_whole():
     assert ET.parse(PACKAGE / "package.xml").getroot().find("name").text == "icgnet_ros"
     assert (PACKAGE / "resource" / "icgnet_ros").is_file()
+    assert ET.parse(PACKAGE / "package.xml").getroot().find("version").text == __version__
+    assert f'version="{__version__}"' in (PACKAGE / "setup.py").read_text()
     imported = {
         line.split()[1].split(".")[0]
         for line in (PACKAGE / "icgnet_ros" / "node.py").read_text().splitlines()

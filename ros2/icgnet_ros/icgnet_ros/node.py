@@ -6,6 +6,7 @@ goes on taking images and transforms; of what comes meanwhile the newest is next
 """
 
 import queue
+import sys
 import threading
 import time
 
@@ -185,7 +186,11 @@ def pose_of(matrix):
 
 def main():
     rclpy.init()
-    node = Grasping()
+    try:
+        node = Grasping()
+    except IcgnetError as error:  # parameters that are no address or time
+        rclpy.try_shutdown()
+        sys.exit(f"error: {error}")
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
