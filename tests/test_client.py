@@ -29,12 +29,13 @@ def test_it_gives_what_the_predictor_gives(client):
     assert answer.instance_mask is None
 
 
-def test_meshes_and_the_instance_mask_come_on_demand(client):
-    answer = client.predict_depth(DEPTH, INTRINSICS, POSE, meshes=True)
+def test_meshes_and_the_instance_mask_come_on_demand():
+    with running(HeldUpPredictor()) as (url, _, _), Client(url, timeout=120.0) as client:
+        answer = client.predict_depth(DEPTH, INTRINSICS, POSE, meshes=True)
     np.testing.assert_array_equal(answer.instance_mask, known_prediction().instance_mask)
     assert set(answer.meshes) == {item.instance_id for item in known_prediction().objects}
     vertices, faces = answer.meshes[0]
-    assert vertices.shape[1] == faces.shape[1] == 3
+    assert (vertices.shape, faces.shape) == ((8, 3), (12, 3))
 
 
 def test_all_that_the_predictor_takes_is_sent(client):
@@ -173,7 +174,9 @@ def test_an_answer_that_does_not_come_is_not_asked_for_again(monkeypatch):
     assert (caught.value.status, waits) == (None, [])
 
 
-@pytest.mark.parametrize("content", [{"text": "<html>a router</html>"}, {"json": {"grasps": []}}, {"json": [1]}])
+@pytest.mark.parametrize(
+    "content", [{"text": ""}, {"text": "<html>a router</html>"}, {"json": {"grasps": []}}, {"json": [1]}]
+)
 def test_what_is_no_service_is_said_to_be_none(monkeypatch, content):
     for ask in (
         lambda client: client.metadata(),

@@ -10,6 +10,7 @@ import json
 import random
 import time
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -278,7 +279,7 @@ class Client:
             return Answer(self._read(response, RESULT))
         try:
             return _answer_of_npz(response.content)
-        except (ValueError, KeyError, OSError, zipfile.BadZipFile) as error:
+        except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
             raise self._strange(response) from error
 
     def _read(self, response: httpx.Response, wanted: tuple[str, ...]) -> dict[str, Any]:
@@ -299,7 +300,7 @@ class Client:
         """The answer to arrays and options."""
         content = io.BytesIO()
         try:
-            given = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+            given: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
         except ValueError as error:  # ragged lists
             raise InputError(f"{', '.join(arrays)} must be arrays of numbers: {error}") from error
         for name, value in given.items():
