@@ -61,6 +61,7 @@ def main():
     parser.add_argument("capture", help="npz with depth [m] and K")
     parser.add_argument("--seconds", type=float, default=60.0, help="at most so long")
     parser.add_argument("--metres", action="store_true", help="send 32FC1 in place of 16UC1")
+    parser.add_argument("--reliable", action="store_true", help="send lost images again, where somebody wants that")
     parser.add_argument("--trigger", help="topic of std_msgs/Empty that is sent beside each image")
     given = parser.parse_args()
     with np.load(given.capture) as saved:
@@ -70,8 +71,9 @@ def main():
 
     rclpy.init()
     node = rclpy.create_node("icgnet_peer")
-    images = node.create_publisher(Image, "/camera/depth/image_rect_raw", qos_profile_sensor_data)
-    infos = node.create_publisher(CameraInfo, "/camera/depth/camera_info", qos_profile_sensor_data)
+    quality = QoSProfile(depth=5) if given.reliable else qos_profile_sensor_data
+    images = node.create_publisher(Image, "/camera/depth/image_rect_raw", quality)
+    infos = node.create_publisher(CameraInfo, "/camera/depth/camera_info", quality)
     triggers = node.create_publisher(Empty, given.trigger, 10) if given.trigger else None
     if tf := kind_of("tf2_msgs/TFMessage"):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

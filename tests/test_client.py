@@ -15,7 +15,7 @@ from tabletop_scenes import INTRINSICS
 
 @pytest.fixture(scope="module")
 def client():
-    with running(tiny_predictor()) as (url, _, _), Client(url) as client:
+    with running(tiny_predictor()) as (url, _, _), Client(url, timeout=120.0) as client:
         yield client
 
 
@@ -29,12 +29,13 @@ def test_it_gives_what_the_predictor_gives(client):
     assert answer.instance_mask is None
 
 
-def test_meshes_and_the_instance_mask_come_on_demand(client):
-    answer = client.predict_depth(DEPTH, INTRINSICS, POSE, meshes=True)
+def test_meshes_and_the_instance_mask_come_on_demand():
+    with running(HeldUpPredictor()) as (url, _, _), Client(url, timeout=120.0) as client:
+        answer = client.predict_depth(DEPTH, INTRINSICS, POSE, meshes=True)
     np.testing.assert_array_equal(answer.instance_mask, known_prediction().instance_mask)
     assert set(answer.meshes) == {item.instance_id for item in known_prediction().objects}
     vertices, faces = answer.meshes[0]
-    assert vertices.shape[1] == faces.shape[1] == 3
+    assert (vertices.shape, faces.shape) == ((8, 3), (12, 3))
 
 
 def test_all_that_the_predictor_takes_is_sent(client):
@@ -80,6 +81,17 @@ def test_refusals_are_the_errors_of_the_predictor(client, depth, options, said):
 def test_health_and_metadata(client):
     assert client.health() is True
     assert client.metadata()["classes"] == list(tiny_predictor().classes)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_what_is_for_this_machine_goes_to_no_proxy(client, monkeypatch, host):
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    port = client._http.base_url.port
+    with Client(f"http://{host}:{port}", retries=0) as asked:
+        assert asked.metadata()["classes"]
+    with Client(f"http://robot.invalid:{port}", retries=0) as asked, pytest.raises(ServiceError, match="refused"):
+        asked.metadata()
 
 
 def test_the_token_is_sent():
@@ -157,9 +169,38 @@ def test_no_wait_is_longer_than_half_a_minute(monkeypatch):
 
 def test_an_answer_that_does_not_come_is_not_asked_for_again(monkeypatch):
     client, waits = scripted(monkeypatch, httpx.ReadTimeout("timed out"))
-    with pytest.raises(ServiceError, match="no answer from http://robot: timed out") as caught:
+    with pytest.raises(ServiceError, match="http://robot did not answer within 30 s: it is busy") as caught:
         client.predict_depth(DEPTH, INTRINSICS)
     assert (caught.value.status, waits) == (None, [])
+
+
+@pytest.mark.parametrize(
+    "content", [{"text": ""}, {"text": "<html>a router</html>"}, {"json": {"grasps": []}}, {"json": [1]}]
+)
+def test_what_is_no_service_is_said_to_be_none(monkeypatch, content):
+    for ask in (
+        lambda client: client.metadata(),
+        lambda client: client.predict_depth(DEPTH, INTRINSICS),
+        lambda client: client.predict_depth(DEPTH, INTRINSICS, meshes=True),
+        lambda client: client.pick(DEPTH, INTRINSICS, [0, 0, 1]),
+    ):
+        client, _ = scripted(monkeypatch, {"status_code": 200, **content})
+        with pytest.raises(ServiceError, match="http://robot is no service of icgnet: it answers '"):
+            ask(client)
+
+
+def test_arrays_are_packed_as_the_numpy_of_ubuntu_24_can(monkeypatch):
+    """Before numpy 2.1, `savez` takes any name for that of an array."""
+    packed, savez = {}, np.savez
+
+    def old_savez(file, **arrays):
+        packed.update(arrays)
+        savez(file, **arrays)
+
+    monkeypatch.setattr(np, "savez", old_savez)
+    client, _ = scripted(monkeypatch, OK)
+    client.predict_depth(DEPTH, INTRINSICS)
+    assert set(packed) == {"depth", "K"}
 
 
 @pytest.mark.parametrize("status", [500, 504, 302])
@@ -174,6 +215,7 @@ def test_other_answers_are_errors_at_once(monkeypatch, status):
     ("arguments", "said"),
     [
         ({"url": "robot:8000"}, "url must begin with http:// or https://, got 'robot:8000'"),
+        ({"url": "http://robot:port"}, "url 'http://robot:port' is no address"),
         ({"url": "http://robot", "timeout": 0.0}, "timeout must be above 0 s"),
         ({"url": "http://robot", "retries": -1}, "retries must be at least 0"),
     ],

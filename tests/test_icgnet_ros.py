@@ -3,6 +3,8 @@
 import importlib.util
 import io
 import sys
+import threading
+import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -12,6 +14,7 @@ import httpx
 import numpy as np
 import pytest
 
+from icgnet import __version__
 from icgnet import client as client_module
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix, random_rotation
 
@@ -32,20 +35,33 @@ class FakeNode:
     parameters: ClassVar[dict] = {}
 
     def __init__(self, name):
-        self.name, self.subscriptions, self.published, self.warnings = name, {}, {}, []
+        self.name, self.subscriptions, self.published, self.timers = name, {}, {}, []
+        self.warnings, self.infos = [], []
 
     def declare_parameter(self, name, default):
         return SimpleNamespace(value=self.parameters.get(name, default))
 
-    def create_subscription(self, kind, topic, callback, qos):
-        self.subscriptions[topic] = (kind, callback, qos)
+    def create_subscription(self, kind, topic, callback, qos, qos_overriding_options):
+        self.subscriptions[topic] = (kind, callback, qos, qos_overriding_options)
+
+    def create_timer(self, seconds, callback):
+        self.timers.append((seconds, callback))
+
+    def resolve_topic_name(self, topic):
+        return f"/camera/{topic}"
+
+    def count_publishers(self, topic):
+        return {"/camera/image": 2}[topic]
 
     def create_publisher(self, kind, topic, qos):
         sent = self.published.setdefault(topic, [])
         return SimpleNamespace(publish=sent.append)
 
     def get_logger(self):
-        return SimpleNamespace(warning=lambda line, throttle_duration_sec: self.warnings.append(line))
+        return SimpleNamespace(
+            warning=lambda line, throttle_duration_sec=None: self.warnings.append(line),
+            info=lambda line, throttle_duration_sec=None: self.infos.append(line),
+        )
 
     def destroy_node(self):
         pass
@@ -55,7 +71,7 @@ class FakeBuffer:
     """A tf2 buffer that knows one transform."""
 
     def lookup_transform(self, target, source, time, timeout):
-        assert (target, source, time) == ("base", "optical", "then")
+        assert (target, source, time) == ("base", "optical", "time of then")
         move, turn = SimpleNamespace(x=1.0, y=2.0, z=3.0), SimpleNamespace(w=1.0, x=0.0, y=0.0, z=0.0)
         return SimpleNamespace(transform=SimpleNamespace(translation=move, rotation=turn))
 
@@ -79,7 +95,12 @@ def node_module(monkeypatch):
         "rclpy.node": fake("rclpy.node", Node=FakeNode),
         "rclpy.executors": fake("rclpy.executors", ExternalShutdownException=type("Shutdown", (Exception,), {})),
         "rclpy.duration": fake("rclpy.duration", Duration=lambda seconds: seconds),
-        "rclpy.qos": fake("rclpy.qos", qos_profile_sensor_data=SimpleNamespace(depth=5)),
+        "rclpy.time": fake("rclpy.time", Time=SimpleNamespace(from_msg=lambda stamp: f"time of {stamp}")),
+        "rclpy.qos": fake("rclpy.qos", QoSProfile=SimpleNamespace, ReliabilityPolicy=SimpleNamespace(BEST_EFFORT=2)),
+        "rclpy.qos_overriding_options": fake(
+            "rclpy.qos_overriding_options",
+            QoSOverridingOptions=SimpleNamespace(with_default_policies=lambda: "may be overridden"),
+        ),
         "tf2_ros": fake("tf2_ros", Buffer=FakeBuffer, TransformListener=lambda *_, **__: None),
     }
     for package, names in kinds.items():
@@ -99,26 +120,58 @@ def poses() -> list[np.ndarray]:
     return [make_transform(random_rotation(rng), rng.normal(size=3)) for _ in range(20)]
 
 
+GRASPS = [{"pose": pose.tolist(), "score": 0.9 - 0.01 * index} for index, pose in enumerate(poses())]
+
+
+def answer(request: httpx.Request) -> httpx.Response:
+    return httpx.Response(200, json={"grasps": GRASPS, "objects": [], "frame_id": "camera"})
+
+
 @pytest.fixture
 def started(node_module, monkeypatch):
-    """Starts the node with parameters; requests of its client are noted, and answered with grasps."""
-    asked = []
+    """Starts the node with parameters; requests of its client are noted, and answered by a function."""
+    nodes = []
 
-    def answer(request: httpx.Request) -> httpx.Response:
-        asked.append(request)
-        grasps = [{"pose": pose.tolist(), "score": 0.9 - 0.01 * index} for index, pose in enumerate(poses())]
-        return httpx.Response(200, json={"grasps": grasps, "objects": [], "frame_id": "camera"})
+    def start(answered=answer, **parameters):
+        asked = []
 
-    def client(*arguments, **named):
-        return client_module.Client(*arguments, **named, transport=httpx.MockTransport(answer))
+        def handle(request: httpx.Request) -> httpx.Response:
+            asked.append(request)
+            return answered(request)
 
-    monkeypatch.setattr(node_module, "Client", client)
+        def client(*arguments, **named):
+            return client_module.Client(*arguments, **named, transport=httpx.MockTransport(handle))
 
-    def start(**parameters):
+        monkeypatch.setattr(node_module, "Client", client)
+        monkeypatch.setattr(node_module, "PAUSE", 0.01)
         monkeypatch.setattr(FakeNode, "parameters", parameters)
-        return node_module.Grasping(), asked
+        nodes.append(node_module.Grasping())
+        return nodes[-1], asked
 
-    return start
+    yield start
+    for node in nodes:
+        node.stop()
+        node.asking.join(60)
+        assert not node.asking.is_alive()
+
+
+class SlowService:
+    """A service that is at work until it is let go."""
+
+    def __init__(self):
+        self.begun, self.may_end = threading.Semaphore(0), threading.Event()
+
+    def __call__(self, request: httpx.Request) -> httpx.Response:
+        self.begun.release()
+        assert self.may_end.wait(60)
+        return answer(request)
+
+
+def wait_until(holds):
+    end = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.002)
 
 
 def image(encoding="16UC1", **fields) -> Message:
@@ -129,7 +182,7 @@ def image(encoding="16UC1", **fields) -> Message:
 
 
 def info(**fields) -> Message:
-    return Message(**{"k": K, "width": 4, "height": 3} | fields)
+    return Message(**{"k": K, "p": [0.0] * 12, "width": 4, "height": 3} | fields)
 
 
 def sent_arrays(request: httpx.Request) -> dict[str, np.ndarray]:
@@ -140,7 +193,7 @@ def sent_arrays(request: httpx.Request) -> dict[str, np.ndarray]:
 def test_an_image_becomes_poses_and_scores_with_its_stamp_and_frame(started):
     node, asked = started()
     node.on_info(info())
-    node.on_image(image())
+    node.answer(image())
     (result,), (scores,) = node.published["~/poses"], node.published["~/scores"]
     assert (result.header.stamp, result.header.frame_id) == ("then", "optical")
     for found, expected in zip(result.poses, poses(), strict=True):
@@ -157,7 +210,7 @@ def test_an_image_becomes_poses_and_scores_with_its_stamp_and_frame(started):
 def test_with_a_world_the_pose_of_the_camera_is_sent(started):
     node, asked = started(world="base")
     node.on_info(info())
-    node.on_image(image("32FC1"))
+    node.answer(image("32FC1"))
     assert node.published["~/poses"][0].header.frame_id == "base"
     arrays = sent_arrays(asked[0])
     assert arrays["camera_pose"].tolist() == [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0]
@@ -167,36 +220,94 @@ def test_with_a_world_the_pose_of_the_camera_is_sent(started):
 @pytest.mark.parametrize(
     ("camera", "picture", "said"),
     [
-        (None, image(), "no answer: no camera_info yet"),
+        (None, image(), "no answer: nothing on /camera/camera_info yet"),
         (info(width=8), image(), "no answer: camera_info is for 8 x 3 pixels, the image has 4 x 3"),
         (info(), image("rgb8"), "no answer: encoding 'rgb8' is no depth; known are 16UC1, mono16, 32FC1"),
-        (info(), image(data=b"12"), "no answer: cannot reshape array"),
+        (info(), image(data=b"12"), "no answer: an image of 4 x 3 pixels with 8 bytes a row cannot have 2 bytes"),
+        (info(), image(step=7), "no answer: an image of 4 x 3 pixels with 7 bytes a row cannot have 24 bytes"),
     ],
 )
 def test_a_bad_image_is_one_line_and_the_next_is_answered(started, camera, picture, said):
     node, asked = started()
     node.info = camera
-    node.on_image(picture)
+    node.answer(picture)
     assert len(node.warnings) == 1
     assert node.warnings[0].startswith(said)
     assert not asked
     node.on_info(info())
-    node.on_image(image())
+    node.answer(image())
     assert len(node.published["~/poses"]) == 1
 
 
-def test_a_service_that_is_away_is_one_line(started, node_module, monkeypatch):
-    def away(request):
-        raise httpx.ConnectError("refused")
+def test_a_service_that_is_away_or_too_slow_is_one_line_and_the_next_image_is_answered(started):
+    errors = [httpx.ConnectError("refused"), httpx.ReadTimeout("timed out")]
 
-    def client(*arguments, **named):
-        return client_module.Client(*arguments, **named, transport=httpx.MockTransport(away))
+    def answered(request):
+        if errors:
+            raise errors.pop(0)
+        return answer(request)
 
-    monkeypatch.setattr(node_module, "Client", client)
+    node, _ = started(answered, timeout=12.0)
+    node.on_info(info())
+    for _ in range(3):
+        node.answer(image())
+    away, slow = node.warnings
+    assert away == "no answer: cannot reach http://127.0.0.1:8000: refused"
+    assert slow.startswith("no answer: http://127.0.0.1:8000 did not answer within 12 s")
+    assert len(node.published["~/poses"]) == 1
+
+
+def test_of_rectified_images_the_matrix_is_in_P(started):
+    node, asked = started()
+    for P in ([0.0] * 12, [500.0, 0.0, 2.5, -9.0, 0.0, 510.0, 1.5, 0.0, 0.0, 0.0, 1.0, 0.0]):
+        node.on_info(info(p=P))
+        node.answer(image())
+    before, after = (sent_arrays(request)["K"] for request in asked)
+    assert before.ravel().tolist() == K
+    assert after.tolist() == [[500.0, 0.0, 2.5], [0.0, 510.0, 1.5], [0.0, 0.0, 1.0]]
+
+
+def test_while_the_service_is_at_work_images_are_taken_and_the_newest_is_next(started):
+    service = SlowService()
+    node, asked = started(service)
+    node.on_info(info())
+    node.on_image(image(header=SimpleNamespace(stamp=0, frame_id="optical")))
+    assert service.begun.acquire(timeout=60)
+    for stamp in (1, 2, 3):  # none of these waits for the service
+        node.on_image(image(header=SimpleNamespace(stamp=stamp, frame_id="optical")))
+    node.report()
+    assert node.infos == ["2 of 4 images in 10 s skipped, the service is busy, for 0 s with one"]
+    service.may_end.set()
+    wait_until(lambda: len(node.published["~/scores"]) == 2)
+    assert [result.header.stamp for result in node.published["~/poses"]] == [0, 3]
+    assert [request.url.params["deadline_ms"] for request in asked] == ["120000.0"] * 2
+
+
+def test_that_no_image_comes_is_said(started):
     node, _ = started()
+    ((period, callback),) = node.timers
+    callback()
+    assert period == 10.0
+    assert node.warnings[0].startswith("no image on /camera/image in 10 s, where 2 publish")
     node.on_info(info())
     node.on_image(image())
-    assert node.warnings == ["no answer: cannot reach http://127.0.0.1:8000: refused"]
+    wait_until(lambda: node.published["~/scores"])
+    callback()
+    assert len(node.warnings) == 1
+    assert node.infos[0].startswith("20 grasps in 0.")
+
+
+def test_it_stops_while_the_service_is_at_work(started, node_module):
+    service = SlowService()
+    node, _ = started(service)
+    node.on_info(info())
+    node.on_image(image())
+    assert service.begun.acquire(timeout=60)
+    node.stop()
+    service.may_end.set()
+    node.asking.join(60)
+    assert not node.asking.is_alive()
+    assert node.warnings == node.published["~/poses"] == []
 
 
 @pytest.mark.parametrize("reason", [KeyboardInterrupt, "shutdown"])
@@ -215,22 +326,34 @@ def test_it_ends_quietly_when_it_is_told_to(started, node_module, monkeypatch, r
     assert [type(done[0]), done[1]] == [node_module.Grasping, "shut down"]
 
 
+def test_an_address_that_is_none_is_one_line(started, node_module, monkeypatch):
+    started()
+    monkeypatch.setattr(FakeNode, "parameters", {"url": "robot:8000"})
+    for name in ("init", "try_shutdown"):
+        monkeypatch.setattr(node_module.rclpy, name, lambda: None, raising=False)
+    with pytest.raises(SystemExit, match="error: url must begin with http:// or https://, got 'robot:8000'"):
+        node_module.main()
+
+
 def test_images_are_read_as_sensors_send_them_and_only_the_newest(started):
     node, _ = started()
     assert set(node.subscriptions) == {"image", "camera_info"}
-    assert all(qos.depth == 1 for _, _, qos in node.subscriptions.values())
+    for _, _, qos, options in node.subscriptions.values():
+        assert (qos.depth, qos.reliability, options) == (1, 2, "may be overridden")
 
 
 def test_the_package_is_whole():
     assert ET.parse(PACKAGE / "package.xml").getroot().find("name").text == "icgnet_ros"
     assert (PACKAGE / "resource" / "icgnet_ros").is_file()
+    assert ET.parse(PACKAGE / "package.xml").getroot().find("version").text == __version__
+    assert f'version="{__version__}"' in (PACKAGE / "setup.py").read_text()
     imported = {
         line.split()[1].split(".")[0]
         for line in (PACKAGE / "icgnet_ros" / "node.py").read_text().splitlines()
         if line.strip().startswith(("import ", "from "))
     }
     depends = {each.text for each in ET.parse(PACKAGE / "package.xml").getroot().iter("exec_depend")}
-    assert imported - {"numpy", "icgnet", "tf2_ros"} <= depends
+    assert imported - {"numpy", "icgnet", "tf2_ros"} - set(sys.stdlib_module_names) <= depends
     assert "tf2_ros_py" in depends
 
 

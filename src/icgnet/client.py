@@ -9,6 +9,8 @@ import io
 import json
 import random
 import time
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -20,7 +22,9 @@ import numpy as np
 from icgnet.errors import IcgnetError, InputError
 
 NPZ = "application/x-npz"
+RESULT = ("objects", "grasps", "frame_id")
 FULL, STOPPING, REFUSED = 429, 503, (413, 415, 422)
+LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_WAIT = 0.2
 """Before a lost connection is tried again; twice as long each further time [s]."""
 LONGEST_WAIT = 30.0
@@ -141,8 +145,13 @@ class Client:
         if retries < 0:
             raise InputError(f"retries must be at least 0, got {retries!r}")
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        self._retries = retries
-        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout, transport=transport)
+        self._retries, self._timeout = retries, timeout
+        try:
+            # What is for this machine, and the token, goes to no proxy that the environment names.
+            far = httpx.URL(url).host not in LOCAL
+        except httpx.InvalidURL as error:
+            raise InputError(f"url {url!r} is no address: {error}") from error
+        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout, transport=transport, trust_env=far)
 
     def __enter__(self) -> "Client":
         return self
@@ -169,7 +178,7 @@ class Client:
         Raises:
             ServiceError: it cannot be reached, or refuses.
         """
-        return self._ask("GET", "/metadata").json()
+        return self._read(self._ask("GET", "/metadata"), ("classes", "gripper"))
 
     def predict_depth(
         self,
@@ -262,20 +271,42 @@ class Client:
         """
         arrays = {"depth": depth, "K": intrinsics, "camera_pose": camera_pose, "mask": mask}
         query = {"drop": drop, "joints": joints, "level_table": level_table or None, **options}
-        return PickAnswer(self._post("/pick", arrays, query).json())
+        return PickAnswer(self._read(self._post("/pick", arrays, query), ("plan", "picked")))
 
     def _predict(self, arrays: dict[str, Any], options: dict[str, Any], meshes: bool) -> Answer:
         response = self._post("/predict", arrays, {**options, "answer": "npz" if meshes else "json"})
-        return _answer_of_npz(response.content) if meshes else Answer(response.json())
+        if not meshes:
+            return Answer(self._read(response, RESULT))
+        try:
+            return _answer_of_npz(response.content)
+        except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
+            raise self._strange(response) from error
+
+    def _read(self, response: httpx.Response, wanted: tuple[str, ...]) -> dict[str, Any]:
+        """The JSON of an answer; what else listens under an address may answer anything."""
+        try:
+            values = response.json()
+        except ValueError as error:
+            raise self._strange(response) from error
+        if not isinstance(values, dict) or not set(wanted) <= set(values):
+            raise self._strange(response)
+        return values
+
+    def _strange(self, response: httpx.Response) -> ServiceError:
+        told = " ".join(response.text[:200].split())
+        return ServiceError(f"{self._http.base_url} is no service of icgnet: it answers {told!r}", response.status_code)
 
     def _post(self, path: str, arrays: dict[str, Any], options: dict[str, Any]) -> httpx.Response:
         """The answer to arrays and options."""
         content = io.BytesIO()
         try:
-            given = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-            np.savez(content, allow_pickle=False, **given)
-        except ValueError as error:  # ragged lists and objects
+            given: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+        except ValueError as error:  # ragged lists
             raise InputError(f"{', '.join(arrays)} must be arrays of numbers: {error}") from error
+        for name, value in given.items():
+            if value.dtype.kind not in "biuf":
+                raise InputError(f"{name} must be arrays of numbers, got {value.dtype}")
+        np.savez(content, **given)
         query = {name: _text(value, name) for name, value in options.items() if value is not None}
         return self._ask("POST", path, query, content.getvalue())
 
@@ -288,7 +319,11 @@ class Client:
         for left in reversed(range(self._retries + 1)):
             try:
                 response = self._http.request(method, path, params=query, content=body, headers=headers)
-            except (httpx.ReadTimeout, httpx.UnsupportedProtocol) as error:
+            except httpx.ReadTimeout as error:
+                raise ServiceError(
+                    f"{self._http.base_url} did not answer within {self._timeout:g} s: it is busy, or timeout is short"
+                ) from error
+            except httpx.UnsupportedProtocol as error:
                 raise ServiceError(f"no answer from {self._http.base_url}: {_said(error)}") from error
             except httpx.TransportError as error:
                 if not left:

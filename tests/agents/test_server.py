@@ -144,6 +144,7 @@ def test_a_client_starts_the_command_and_asks_over_stdio(folder, tmp_path):
         ([".", "--url", "http://robot", "--pick.speed", "0.5"], "pick does not go with url"),
         ([".", "--hand-eye", "eye.yaml"], "hand_eye is for an arm: give --arm, too, or --camera-pose"),
         ([".", "--weights", "none.safetensors"], "none.safetensors: no such weights file"),
+        ([".", "--url", "http://robot", "--timeout", "0"], "timeout must be at least 0.1"),
         ([".", "--depth-scale", "0"], "depth_scale must be above 0"),
         ([".", "--threads", "0"], "threads must be at least 1"),
     ],

@@ -116,6 +116,32 @@ def test_grasps_are_told_best_first_and_by_object(tools):
     assert tools.grasp(object_class=name)["found"] == len(prediction.of_class(name).grasps)
 
 
+def test_why_there_is_no_grasp_is_told_of_the_objects_that_were_asked_for(tools):
+    found = known_prediction()
+    assert tools.grasp()["rejected"] == found.rejected
+    for item in found.objects:
+        assert tools.grasp(instance_id=item.instance_id)["rejected"] == found.rejections.of_object(item.instance_id)
+    name = found.objects[0].class_name
+    of_class = [found.rejections.of_object(item.instance_id) for item in found.objects if item.class_name == name]
+    assert tools.grasp(object_class=name)["rejected"]["low_score"] == sum(each["low_score"] for each in of_class)
+
+
+def test_a_capture_that_the_camera_takes_away_meanwhile_is_no_fault(folder, monkeypatch):
+    captures, is_inside = CaptureFolder(folder), CaptureFolder._is_inside
+
+    def inside(self, path: Path) -> bool:
+        known = is_inside(self, path)
+        if path.name == "second.npz":
+            path.unlink()
+        return known
+
+    monkeypatch.setattr(CaptureFolder, "_is_inside", inside)
+    assert captures.names() == ["first.npz"]
+    monkeypatch.setattr(captures, "_path", lambda name: captures._folder / "second.npz")
+    with pytest.raises(DataError, match=r"^capture second\.npz is gone or cannot be read"):
+        captures.read()
+
+
 @pytest.mark.parametrize(
     "name",
     ["../secret.npz", "/etc/hostname", "link.npz", "linked/secret.npz", "none.npz", "", ".", "a\0b.npz", "x" * 5000],

@@ -56,6 +56,12 @@ def test_the_camera_matrix():
     np.testing.assert_array_equal(intrinsics_of(CameraInfo(height=480, width=640, k=K), 640, 480).ravel(), K)
 
 
+def test_of_rectified_images_the_matrix_is_in_P():
+    P = [500.0, 0.0, 310.0, -25.0, 0.0, 505.0, 235.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    found = intrinsics_of(CameraInfo(height=480, width=640, k=K, p=P), 640, 480)
+    np.testing.assert_array_equal(found, [[500, 0, 310], [0, 505, 235], [0, 0, 1]])
+
+
 def test_binning_and_region_are_as_in_image_geometry():
     roi = RegionOfInterest(x_offset=40, y_offset=20, height=400, width=500)
     info = CameraInfo(height=480, width=640, k=K, binning_x=2, binning_y=4, roi=roi)

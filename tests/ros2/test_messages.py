@@ -2,6 +2,7 @@
 
 import dataclasses
 import struct
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -62,6 +63,12 @@ def test_bytes_are_those_of_the_other_library(name, data):
     expected = bytes(STORE.serialize_cdr(theirs(name, content), name))
     assert message.serialize() == expected
     assert same(content_of(MESSAGES[name].deserialize(expected)), content)
+
+
+def test_no_field_is_of_a_deprecated_type():
+    hints = [repr(get_type_hints(kind, include_extras=True)) for kind in MESSAGES.values()]
+    assert any("Sequence" in hint for hint in hints)
+    assert not any("typing.Sequence" in hint for hint in hints)
 
 
 @pytest.mark.parametrize("name", NAMES)

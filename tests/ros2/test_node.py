@@ -18,7 +18,7 @@ from http_service import HeldUpPredictor, known_prediction
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import matrix_to_quaternion
 from icgnet.grasping.gripper import load_gripper
-from icgnet.ros2.bus import Bus, Reader, Writer, reliable
+from icgnet.ros2.bus import Bus, Reader, Writer, reliable, sensor_data
 from icgnet.ros2.config import Ros2Config
 from icgnet.ros2.messages import CameraInfo, CollisionObject, Empty, Header, Image, Time, TransformStamped
 from icgnet.ros2.node import Node, hand_of
@@ -128,6 +128,29 @@ def test_the_same_complaint_comes_every_ten_seconds(domain):
         lines.node.complain("a line")
     lines.node.complain("another\nline")
     assert lines.complaints == ["a line"] * 3 + ["another line"]
+
+
+def test_that_no_image_comes_is_said(domain):
+    now = [0.0]
+    lines = Lines(domain, clock=lambda: now[0])
+    writer = Writer(Bus(domain), "/camera/depth/image_rect_raw", Image, sensor_data())
+    end = time.monotonic() + 60.0
+    while lines.node._images.writers < 1 and time.monotonic() < end:
+        time.sleep(0.02)
+    for now[0] in (5.0, 9.9):
+        lines.node.step()
+    assert lines.complaints == []
+    now[0] = 10.0
+    lines.node.step()
+    assert lines.complaints[0].startswith("no image on /camera/depth/image_rect_raw in 10 s, where 1 publish: compare")
+    while len(lines.complaints) < 2 and time.monotonic() < end:
+        writer.write(image())
+        lines.node._bus.wait(0.2)
+        lines.node.step()
+    assert lines.complaints[1].startswith("no answer: no camera info")
+    now[0] = 15.0
+    lines.node.step()
+    assert len(lines.complaints) == 2
 
 
 @pytest.mark.parametrize("error", [InputError("no plane"), RuntimeError("a fault")])
@@ -257,7 +280,7 @@ def test_a_trigger_asks_for_one_image(domain, tmp_path):
     lines = Lines(domain, trigger="/look")
     stop = running(lines.node)
     try:
-        heard(domain, tmp_path, seconds=3.0, pixels=depth_mm(), encoding="16UC1", K=INTRINSICS)
+        heard(domain, tmp_path, seconds=1.0, pixels=depth_mm(), encoding="16UC1", K=INTRINSICS)
         assert lines.said == []
         got = heard(domain, tmp_path, pixels=depth_mm(), encoding="16UC1", K=INTRINSICS, is_triggering=True)
     finally:

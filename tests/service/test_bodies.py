@@ -93,6 +93,7 @@ def test_json_holds_a_cloud():
         (NPZ, npz(depth=np.array(["text"])), FOCAL, "depth must be plain numbers"),
         (NPZ, npz(depth=np.zeros(4, "f4,f4")), FOCAL, "depth must be plain numbers"),
         (NPZ, npz(depth=DEPTH, K=INTRINSICS[:2]), {}, "intrinsics must have shape (3, 3), got (2, 3)"),
+        (NPZ, npz(depth=DEPTH, K=np.zeros((40, 40))), {}, "K must have at most 64 numbers, got shape (40, 40)"),
         (NPZ, npz(depth=DEPTH, K=INTRINSICS, mask=DEPTH[:5]), {}, "mask must have shape (120, 160), got (5, 160)"),
         (NPZ, npz(points=np.zeros((9, 3)), mask=np.zeros(9)), {}, "mask does not go with a cloud"),
         (NPZ, npz(points=np.zeros((MOST + 1, 3))), {}, "points must be at most 50000"),

@@ -59,7 +59,7 @@ def test_what_waited_is_taken_off_the_budget(held):
         assert held.begun.acquire(timeout=10)
         calls.append(callers.submit(post, url, deadline_ms=9000))
         wait_until(lambda: service.worker.taken == 2)
-        time.sleep(0.3)
+        time.sleep(0.21)
         held.may_end.set()
         answers = [call.result() for call in calls]
         assert [answer.status_code for answer in answers] == [200, 200]

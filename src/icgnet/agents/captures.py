@@ -1,6 +1,7 @@
 """The captures that an agent may look at: the depth images in one folder, and nothing outside of it."""
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,8 +60,9 @@ class CaptureFolder:
         """Names of the captures, the newest first."""
         found: list[tuple[float, str]] = []
         for path in self._folder.rglob("*"):
-            if path.suffix.lower() in SUFFIXES and self._is_inside(path):
-                found.append((path.stat().st_mtime, path.relative_to(self._folder).as_posix()))
+            with suppress(OSError):  # the camera's program may take it away at any time
+                if path.suffix.lower() in SUFFIXES and self._is_inside(path):
+                    found.append((path.stat().st_mtime, path.relative_to(self._folder).as_posix()))
         return [name for _, name in sorted(found, key=lambda each: (-each[0], each[1]))][:MOST_NAMES]
 
     def read(self, name: str | None = None) -> Capture:
@@ -71,13 +73,15 @@ class CaptureFolder:
             DataError: the file cannot be read.
         """
         path = self._path(name)
-        status = path.stat()
         told = path.relative_to(self._folder).as_posix()
         try:
+            status = path.stat()
             content = read_capture(path, self._intrinsics, self._depth_scale, self._camera_pose)
         except IcgnetError as error:  # an agent is not told where on this machine the folder is
             kind = DataError if isinstance(error, DataError) else InputError
             raise kind(str(error).replace(f"{self._folder}/", "")) from error
+        except OSError as error:
+            raise DataError(f"capture {told} is gone or cannot be read: {error.strerror}") from error
         if not isinstance(content, DepthCapture):
             raise InputError(f"capture {told} is a cloud; depth images are looked at")
         return Capture(told, content, (status.st_mtime_ns, status.st_size), max(0.0, time.time() - status.st_mtime))

@@ -112,7 +112,7 @@ class Tools:
             "convention": GRASP_FRAME,
             "found": len(found),
             "grasps": [_grasp_entry(grasp) for grasp in found[:limit]],
-            "rejected": seen.result["rejected"],
+            "rejected": _rejected(seen, object_class, instance_id),
             "warnings": seen.result["warnings"],
         }
 
@@ -196,6 +196,18 @@ def _check_wish(seen: Seen, object_class: str | None, instance_id: int | None) -
         raise InputError(f"no class {described(object_class)}; the classes are {', '.join(classes)}")
     if instance_id is not None and not 0 <= instance_id < objects:
         raise InputError(f"no object {instance_id}: the scene has {objects}, numbered from 0")
+
+
+def _rejected(seen: Seen, object_class: str | None, instance_id: int | None) -> dict[str, int]:
+    """How many candidates were dropped, by reason: of the objects that are asked for, where that is known."""
+    objects = [
+        item
+        for item in seen.result["objects"]
+        if object_class in (None, item["class_name"]) and instance_id in (None, item["instance_id"])
+    ]
+    if len(objects) == len(seen.result["objects"]) or not all("rejected" in item for item in objects):
+        return seen.result["rejected"]
+    return {why: sum(item["rejected"][why] for item in objects) for why in seen.result["rejected"]}
 
 
 def _object_entry(item: dict[str, Any], scores: list[float]) -> dict[str, Any]:

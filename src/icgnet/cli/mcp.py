@@ -35,6 +35,8 @@ class Mcp:
     url: str | None = None
     """A running `icgnet serve`, which then finds objects and plans picks; its token is the environment variable
     ICGNET_TOKEN."""
+    timeout: float = 120.0
+    """So long an answer of the service is waited for [s]; with --url."""
     plans: Path | None = None
     """Folder that every plan is written to as a new JSON file; nothing is written if not given."""
     intrinsics: tuple[str, ...] = ()
@@ -77,6 +79,7 @@ class Mcp:
         check_range(self, 0.0, "seed")
         check_range(self, 0.0, "depth_scale", above=True)
         check_range(self, -100.0, "table_height", most=100.0)
+        check_range(self, 0.1, "timeout", most=3600.0)
         self._check_together()
         try:
             from icgnet.agents.server import serve_tools
@@ -142,7 +145,7 @@ class Mcp:
                 raise InputError('icgnet mcp --url needs more packages: pip install "icgnet[client]"') from error
             raise
         assert self.url is not None
-        return RemoteSight(Client(self.url, os.environ.get(TOKEN) or None), scene)
+        return RemoteSight(Client(self.url, os.environ.get(TOKEN) or None, self.timeout), scene)
 
 
 def _default(declared: Any) -> Any:

@@ -59,7 +59,7 @@ def print_tables(prediction: "Prediction", console: Console, meshes: bool) -> No
     for item in prediction.objects:
         if not (prediction.grasps.instances == item.instance_id).any():
             reasons = dropped_text(prediction, item.instance_id)
-            console.print(f"no grasp on {item.instance_id} {item.class_name}: {reasons}", markup=False)
+            console.print(f"no grasp on {item.instance_id} {item.class_name}: {reasons}", markup=False, soft_wrap=True)
     left_out = ", ".join(f"{count} {what}" for what, count in prediction.left_out.items() if count)
     if left_out:
         console.print(f"left out: {left_out}")

@@ -54,6 +54,11 @@ class Reader(Generic[Message]):
         self._news = ReadCondition(self._reader, SampleState.NotRead | ViewState.Any | InstanceState.Any)
         bus.waiting.attach(self._news)
 
+    @property
+    def writers(self) -> int:
+        """How many write on the topic."""
+        return len(self._reader.get_matched_publications())
+
     def take(self, complain: Callable[[str], None]) -> list[Message]:
         """What has come since, oldest first; what cannot be read is left out after a line about it."""
         try:

@@ -4,7 +4,8 @@ Cyclone DDS is the library below `rmw_cyclonedds_cpp`, and is configured by the 
 imported in this folder only.
 """
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any, get_args
 
 from icgnet.errors import MissingExtraError
 
@@ -31,9 +32,25 @@ except ModuleNotFoundError as error:
         f'icgnet ros2 needs the package {error.name}, which is not installed: pip install "icgnet[ros2]"'
     ) from error
 
-# Lists of a type; what the library says of them to type checkers is that they are no lists.
-array: Any = idl_types.array
-sequence: Any = idl_types.sequence
+
+class _Lists:
+    """Lists of a type, as the library makes them, but of the Sequence that is not deprecated.
+
+    Args:
+        kind: of lists in the library.
+    """
+
+    def __init__(self, kind: Any) -> None:
+        self._kind = kind
+
+    def __getitem__(self, of: Any) -> Any:
+        plain, *about = get_args(self._kind[of])
+        return Annotated[Sequence[get_args(plain)[0]], *about]
+
+
+# What the library says of them to type checkers is that they are no lists.
+array: Any = _Lists(idl_types.array)
+sequence: Any = _Lists(idl_types.sequence)
 
 __all__ = [
     "DDSException",

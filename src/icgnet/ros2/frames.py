@@ -66,7 +66,7 @@ class Frames:
             history.insert(bisect_left(history, placed.time, key=lambda known: known.time), placed)
             if history[-1].time < placed.time - KEPT or placed.time < history[-1].time - KEPT:
                 history[:] = [placed]  # the clock was set back, as when a recording starts anew
-            self._moving[child] = [known for known in history if known.time >= history[-1].time - KEPT]
+            del history[: bisect_left(history, history[-1].time - KEPT, key=lambda known: known.time)]
 
     def pose(self, target: str, source: str, time: int) -> Float[np.ndarray, "4 4"]:
         """`T_target_source` at this time [ns]; 0 is the newest that is known.

@@ -38,7 +38,9 @@ def depth_of(image: "Image") -> Float[np.ndarray, "h w"]:
 
 
 def intrinsics_of(info: "CameraInfo", width: int, height: int) -> Float[np.ndarray, "3 3"]:
-    """Camera matrix [pixels] of images of this size: K, without what binning and the region of interest take away.
+    """Camera matrix [pixels] of rectified images of this size, less what binning and the region of interest take away.
+
+    That is the left part of P; K, which is of images before they are rectified, where a driver leaves P empty.
 
     Raises:
         InputError: K is zero or no camera matrix, or the camera info is for images of another size.
@@ -51,7 +53,8 @@ def intrinsics_of(info: "CameraInfo", width: int, height: int) -> Float[np.ndarr
     size = (full[0] // binning[0], full[1] // binning[1])
     if size != (width, height):
         raise InputError(f"the camera info is for {size[0]} x {size[1]} pixels, the image has {width} x {height}")
-    K = np.array(info.k, dtype=np.float64).reshape(3, 3)
+    P = np.array(info.p, dtype=np.float64).reshape(3, 4)
+    K = P[:, :3].copy() if P[0, 0] else np.array(info.k, dtype=np.float64).reshape(3, 3)
     K[0, 2] -= roi.x_offset
     K[1, 2] -= roi.y_offset
     for axis, count in enumerate(binning):

@@ -112,6 +112,7 @@ class Node:
         self._in_scene: set[str] = set()
         self._said: dict[str, float] = {}
         self._is_asked = config.trigger is None
+        self._image_at = clock()
 
         bus = self._bus = Bus(config.domain_id())
         self._images = Reader(bus, config.image, Image, sensor_data())
@@ -140,6 +141,7 @@ class Node:
                     self._frames.add(message.transforms, is_fixed)
         self._info = next(iter(self._infos.take(self.complain)[-1:]), self._info)
         images = self._images.take(self.complain)
+        self._watch(bool(images))
         is_answered = False
         if images and self._is_asked:
             is_answered = self._answer(images[-1])
@@ -154,6 +156,17 @@ class Node:
         if now - self._said.get(line, -np.inf) >= REPEAT:
             self._said = {known: at for known, at in self._said.items() if now - at < REPEAT} | {line: now}
             self._warn(line)
+
+    def _watch(self, is_there: bool) -> None:
+        """Says that no image comes; of those that are lost on the way nobody else tells."""
+        now = self._clock()
+        if is_there:
+            self._image_at = now
+        elif now - self._image_at >= REPEAT:
+            self.complain(
+                f"no image on {self._config.image} in {REPEAT:.0f} s, where {self._images.writers} publish: compare "
+                "topic, domain and network, and see 'Large images' in the guide"
+            )
 
     def _answer(self, image: Image) -> bool:
         """Predicts and publishes; whatever is wrong with an image is said, and the next one may be better."""

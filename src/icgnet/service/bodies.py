@@ -25,6 +25,8 @@ MOST_ENTRIES = 64
 """An npz has no more files."""
 LARGEST_ITEM = 16
 """No number of an array is longer [bytes]."""
+LARGEST_OPTION = 64
+"""Numbers in an array that is no image, mask or cloud."""
 NPZ_OPTIONS = {"K": "intrinsics", "intrinsics": "intrinsics", "camera_pose": "camera_pose", "viewpoint": "viewpoint"}
 """What is read of an npz beside `depth`, `points` and `mask`, and the option that it gives."""
 
@@ -127,7 +129,8 @@ def _read_npz(content: bytes, max_points: int) -> dict[str, Any]:
 
 def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str, max_points: int) -> np.ndarray:
     """One array, unpacked only if it is of plain numbers and no larger than it may be."""
-    largest = (3 * max_points if name == "points" else max_points) * LARGEST_ITEM
+    most = LARGEST_OPTION if name in NPZ_OPTIONS else 3 * max_points if name == "points" else max_points
+    largest = most * LARGEST_ITEM
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise DataError(f"{name} in the npz is packed in an unknown way ({entry.compress_type})")
     with archive.open(entry) as packed:
@@ -141,7 +144,7 @@ def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str, max
             raise InputError(f"{name} must be plain numbers, got {dtype}"[:200])
         size = math.prod(shape) * dtype.itemsize
         if size > largest:
-            raise InputError(f"{name} must have at most {largest // LARGEST_ITEM} numbers, got shape {shape}"[:200])
+            raise InputError(f"{name} must have at most {most} numbers, got shape {shape}"[:200])
         numbers = packed.read(size + 1)
     if len(numbers) != size:
         raise DataError(
