@@ -121,6 +121,19 @@ def test_the_arm_meets_itself(fr3, hand):
     assert {meeting.part for meeting in checker.meetings(folded)} >= {HAND}
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.005])
+def test_a_path_is_free_if_all_of_it_is_however_few_are_tested(fr3, hand, margin):
+    checker = CollisionChecker(fr3, hand, [block(0.0, 0.3, 0.5)], OPEN)
+    path = fr3.home + np.linspace(0.0, 1.0, 400)[:, None] * np.array([1.5, 0, 0, 0, 0, 0, 0])
+    step = 1.5 / 399 * checker.reaches[0]
+    at = checker.first_collision(path, margin)
+    tested = []
+    meets, checker._meets = checker._meets, lambda joints: tested.append(0) or meets(joints)
+    assert checker.is_free(path[:at], margin, step)
+    assert len(tested) < 0.7 * at
+    assert not checker.is_free(path[: at + 1], margin, step)
+
+
 def test_the_first_collision_of_a_path_is_found(fr3, hand):
     path = fr3.home + np.linspace(0.0, 1.0, 50)[:, None] * np.array([1.5, 0, 0, 0, 0, 0, 0])
     checker = CollisionChecker(fr3, hand, [block(0.0, 0.3, 0.5)], OPEN)

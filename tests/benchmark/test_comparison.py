@@ -213,7 +213,7 @@ def test_published_rates_are_of_views_and_noises_that_we_have_once():
         (PUBLISHED["times"], 7, 4),
         (PUBLISHED["arms"], 8, 4),
     ],
-    ids=["rates", "targets", "shapes", "times"],
+    ids=["rates", "targets", "shapes", "times", "arms"],
 )
 def test_published_rows_have_the_cells_of_our_columns_and_say_who_measured_and_where(lines, width, measured_by):
     assert all(len(row) == width for row in lines)

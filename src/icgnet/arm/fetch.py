@@ -12,7 +12,7 @@ from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody, bodies_of, object_name
 from icgnet.arm.kinematics import line_steps, make_solver, straight_line
 from icgnet.arm.parting import pressed
-from icgnet.arm.pick import HALF_TURN, apart, plan_pick
+from icgnet.arm.pick import HALF_TURN, apart, lift_ways, plan_pick
 from icgnet.arm.plan import PickPlan
 from icgnet.arm.scene import CARRIED, HAND, CollisionChecker, Load, Meeting
 from icgnet.arm.settings import DEFAULT_PICK, PickSettings
@@ -213,7 +213,14 @@ class _Asked:
         beside = frozenset({Meeting(HAND, target.name)}) if target.from_points else frozenset()
         self._open = CollisionChecker(arm, prediction.gripper, bodies, Load(opening, opening, untested=beside))
         carried = target if settings.check_carried else None
-        self._load = Load(width, width, carried=carried, T_base_gripped=pose, absent=frozenset({target.name}))
+        self._load = Load(
+            width,
+            width,
+            carried=carried,
+            T_base_gripped=pose,
+            absent=frozenset({target.name}),
+            padding=settings.carried_margin,
+        )
         self._holding = CollisionChecker(arm, prediction.gripper, bodies, self._load)
 
     def way(self, joints: Float[np.ndarray, "j"]) -> Way | None:
@@ -226,7 +233,7 @@ class _Asked:
             if not self._note(self._open.meetings(position) if self._open.collides(position) else (), reasons):
                 return None
         best: dict[int, str] | None = None
-        for direction in (self._arm.up, -self._pose[:3, 2]):
+        for direction in lift_ways(self._arm, self._pose):
             lifted = straight_line(self._arm, joints, self._settings.lift * direction)
             if len(lifted) <= line_steps(self._settings.lift):
                 continue

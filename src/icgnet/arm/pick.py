@@ -39,6 +39,8 @@ DEVIATIONS = (0.1, 0.02, 0.0)
 LINE_DEVIATION = 0.002
 CLEARANCE_TRAVEL = 0.005
 """Clearances are those at positions between which no point moves farther than this [m]."""
+SAME_WAY = 0.9999
+"""Cosine from which on two directions are one: 0.8 degrees."""
 UNSEEN = 0.0005
 """How deep things may meet between two positions that were tested [m], at most."""
 FINGER_SPEED = 0.1
@@ -275,8 +277,8 @@ class _Planner:
         back = straight_line(self.arm, joints, -FARTHEST_BACK * T_base_grasp[:3, 2])
         back = self._free_part(back, opened, settings.approach, NO_LINE)
         lifting, full = self._lifting(joints, holding), self._checker(holding)
-        refused = _RefusedError(NO_LIFT)
-        for way in (self.arm.up, -T_base_grasp[:3, 2]):
+        refused: _RefusedError | None = None
+        for way in lift_ways(self.arm, T_base_grasp):
             lift = straight_line(self.arm, joints, HIGHEST_LIFT * way)
             try:
                 lift = self._free_part(lift, self._checker(lifting), settings.lift, NO_LIFT, full)
@@ -284,10 +286,10 @@ class _Planner:
                 for meeting in pressed(self.arm, self.gripper, self.bodies, holding, lift, lifting.untested):
                     raise _RefusedError(_told(meeting))
             except _RefusedError as again:
-                refused = again
+                refused = refused or again  # that it cannot be lifted says more than that it cannot be drawn back
             else:
                 return _Reach(joints, back, lift, lifting)
-        raise refused
+        raise refused or _RefusedError(NO_LIFT)
 
     def _free_part(
         self,
@@ -570,9 +572,10 @@ def checked_phase(
     Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
     met between them is met by less than that.
     """
-    samples = trajectory.samples(checker.reaches, 2.0 * (margin + UNSEEN))
+    step = 2.0 * (margin + UNSEEN)
+    samples = trajectory.samples(checker.reaches, step)
     kept = checker.arm.within_limits(samples) and checker.arm.within_limits(trajectory.positions)
-    if not kept or checker.first_collision(samples, margin) is not None:
+    if not kept or not checker.is_free(samples, margin, step):
         return None
     return Phase(name, trajectory, load.high, load, margin)
 
@@ -592,6 +595,12 @@ def _check_parting(lift: Float[np.ndarray, "n j"], checker: CollisionChecker) ->
 def _farthest(reasons: list[str]) -> str:
     """The reason of the attempt that came farthest, which is the last that is more than missing joint positions."""
     return next((reason for reason in reversed(reasons) if reason != NO_IK), NO_IK)
+
+
+def lift_ways(arm: Arm, T_base_grasp: Float[np.ndarray, "4 4"]) -> list[Float[np.ndarray, "3"]]:
+    """Directions in which an object may be lifted, in the frame of the base: up, and back as the hand came."""
+    back = -T_base_grasp[:3, 2]
+    return [arm.up] if arm.up @ back > SAME_WAY else [arm.up, back]
 
 
 def apart(joints: Float[np.ndarray, "n j"], most: int, least: float = 0.3) -> Float[np.ndarray, "m j"]:

@@ -23,6 +23,8 @@ FARTHEST_CLEARANCE = 0.05
 CLEARANCE_STEP = 0.0005
 """As finely as this [m]."""
 
+ROOM = 0.011
+"""About how much room one test asks for, to be true for the positions around it [m]."""
 MOST_CONTACTS = 10_000
 """So many pairs of triangles are looked at to tell how deep two things are in each other."""
 
@@ -153,6 +155,21 @@ class CollisionChecker:
         """Index of the first of several joint positions at which anything meets; None if nothing does."""
         self._set_margins(margin)
         return next((index for index, joints in enumerate(path) if self._meets(joints)), None)
+
+    def is_free(self, path: Float[np.ndarray, "n j"], margin: float, step: float) -> bool:
+        """Whether nothing meets at any of several joint positions.
+
+        Where the middle one of several has more room than anything moves from it to the others, those are not tested.
+
+        Args:
+            path: joint positions [rad].
+            margin: as in `collides` [m].
+            step: no point moves farther than this from one position to the next [m].
+        """
+        reach = max(1, int(ROOM / step))
+        blocks = [path[first : first + 2 * reach + 1] for first in range(0, len(path), 2 * reach + 1)]
+        doubtful = [block for block in blocks if self.collides(block[len(block) // 2], margin + reach * step)]
+        return all(self.first_collision(block, margin) is None for block in doubtful)
 
     def meetings(self, joints: Float[np.ndarray, "j"], margin: float = 0.0) -> tuple[Meeting, ...]:
         """Everything that meets at these joint positions, each pair of names once."""
