@@ -47,7 +47,8 @@ class Arm:
         self._mount = self.model.getFrameId(description.mount_link)
         self.lower = self._limit("lower", self.model.lowerPositionLimit, np.greater_equal)
         self.upper = self._limit("upper", self.model.upperPositionLimit, np.less_equal)
-        self.velocity = self._limit("velocity", self.model.velocityLimit, np.less_equal)
+        speeds = np.array(self.model.velocityLimit)
+        self.velocity = self._limit("velocity", np.where(speeds > 0, speeds, np.inf), np.less_equal)
         self.acceleration = description.acceleration
         if not (self.lower < self.upper).all() or not (self.velocity > 0).all():
             raise DataError(f"arm {self.name}: every joint needs lower < upper and a velocity above 0")

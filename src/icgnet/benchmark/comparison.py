@@ -146,9 +146,9 @@ def _captures(reports: Sequence[StoredReport]) -> str:
 
 
 def _arms(reports: Sequence[StoredReport]) -> str:
-    rows = [[report] for report in _in_order(reports, _cell, _method, _cell_rounds, _scene)]
+    rows = [[report] for report in _in_order(reports, _arm_rules, _method, _arm_rounds, _scene)]
     values = {"picks": _count("attempts"), **PICKS, "failures": lambda row: causes_told(_causes(row[0])) or NOTHING}
-    labels = {"method": _method, "protocol": _cell, "scenes": _cell_rounds, "kind": _scene}
+    labels = {"method": _method, "protocol": _arm_rules, "scenes": _arm_rounds, "kind": _scene}
     return _section("A whole arm", _table(labels, _SOURCE | values, rows, PUBLISHED["arms"]))
 
 
@@ -260,7 +260,7 @@ def _objects(report: StoredReport) -> str:
     return f"{report.text('settings', 'split')} objects of {Path(objects).name or objects}"
 
 
-def _cell(report: StoredReport) -> str:
+def _arm_rules(report: StoredReport) -> str:
     """What the arm did, and what it and its camera were told and not told."""
     settings = report.settings
     told = [
@@ -273,7 +273,7 @@ def _cell(report: StoredReport) -> str:
     return ", ".join(told)
 
 
-def _cell_rounds(report: StoredReport) -> str:
+def _arm_rounds(report: StoredReport) -> str:
     pool, count, seed = (report.count("settings", name) for name in ("pool", "rounds", "seed"))
     return f"{pool} {_objects(report)}, {count} rounds, seed {seed}"
 

@@ -365,8 +365,10 @@ class _Watch:
 
     def begin(self, phase: str) -> None:
         """From the release on, the object falls where it shall; a hand that goes back carries nothing."""
-        if phase in ("release", "back"):
-            self._phase = {"release": "after"}.get(phase, phase)
+        if phase == "release":
+            self._phase = "after"
+        elif phase == "back":
+            self._phase = phase
 
     def end_of(self, phase: str) -> None:
         """Asks, where it matters, whether the target is still held, and goes on to the next phase."""
