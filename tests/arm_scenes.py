@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -11,6 +12,9 @@ from box_objects import predicted
 from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.grasps import Grasps
 from icgnet.inference.prediction import Prediction
+
+if TYPE_CHECKING:
+    from icgnet.arm.arm import Arm
 
 T_BASE_FRAME = make_transform(np.eye(3), np.array([0.35, -0.15, -0.05]))
 """The arm stands on the table, the middle of the workspace (0.15, 0.15) half a metre in front of it."""
@@ -26,6 +30,12 @@ def from_above(mesh: trimesh.Trimesh, tips: float = 0.02) -> np.ndarray:
     """A hand over the middle of a box, closing along y, its tips this far below the top [m]."""
     x, y, _ = mesh.centroid
     return make_transform(np.diag([-1.0, 1.0, -1.0]), np.array([x, y, mesh.bounds[1, 2] - tips]))
+
+
+def link_meshes(arm: "Arm", joints: np.ndarray) -> list[trimesh.Trimesh]:
+    """The collision shapes of the links in the frame of the base [m]."""
+    poses = arm.link_poses(joints)
+    return [shape.mesh.copy().apply_transform(T) for shape, T in zip(arm.link_shapes, poses, strict=True)]
 
 
 def boxes_seen(meshes: list[trimesh.Trimesh], grasped: tuple[int, ...] = (0,), width: float = 0.04) -> Prediction:

@@ -1,6 +1,7 @@
 """The model of an arm, and the file that describes it."""
 
 import sys
+from dataclasses import replace
 from importlib import reload
 
 import numpy as np
@@ -9,10 +10,12 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 import needs_arm  # noqa: F401
+from arm_scenes import link_meshes
 from icgnet.arm import libraries
 from icgnet.arm.arm import Arm
 from icgnet.arm.description import ARMS, read_description
 from icgnet.errors import DataError, InputError, MissingExtraError
+from icgnet.geometry.transforms import make_transform
 from icgnet.grasping.gripper import load_gripper
 
 FR3 = yaml.safe_load((ARMS / "fr3.yaml").read_text()) | {"urdf": str(ARMS / "fr3.urdf")}
@@ -77,7 +80,7 @@ def test_another_hand_has_its_own_place(fr3):
 
 def test_no_point_is_farther_from_a_joint_than_its_reach(fr3):
     for joints in np.random.default_rng(1).uniform(fr3.lower, fr3.upper, (20, 7)):
-        points = np.concatenate([mesh.vertices for mesh in fr3.link_meshes(joints)[1:]])
+        points = np.concatenate([mesh.vertices for mesh in link_meshes(fr3, joints)[1:]])
         assert np.linalg.norm(points - fr3.shoulder, axis=1).max() <= fr3.reaches[0]
 
 
@@ -102,7 +105,11 @@ def test_the_hand_of_a_urdf_is_left_out_and_its_joints_are_no_joints(tmp_path):
         ({"mount": {"link": "fr3_link8", "position": [0, 0, 107], "quaternion": [1, 0, 0, 0]}}, "in metres"),
         ({"mount": {"link": "fr3_link8", "position": [0, 0, 0], "quaternion": [1, 1, 0, 0]}}, "of length 1"),
         ({"velocity": [1, 1, 1, 1, 1, 1, 0]}, "velocity must be above 0"),
+        ({"acceleration": None}, "acceleration"),
+        ({"packages": "meshes"}, "packages must be a list of folders"),
         ({"lower": [0, 0]}, "lower must have shape (7,)"),
+        ({"lower": [-166.0] * 7}, "lower of fr3_joint1 is -166, beyond the -2."),
+        ({"velocity": [150.0] * 7}, "velocity of fr3_joint1 is 150, beyond the 2."),
         (
             {"home": [0] * 6, "lower": None, "upper": None, "velocity": None, "acceleration": [1] * 6},
             "home has 6 joints",
@@ -117,6 +124,33 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
         Arm.load(path)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_up_is_away_from_the_ground_however_the_arm_stands(fr3):
+    np.testing.assert_allclose(fr3.up, [0, 0, 1])
+    turned = make_transform(Rotation.from_rotvec([0.0, np.pi / 2, 0.0]).as_matrix(), np.array([0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(Arm(replace(fr3.description, T_world_base=turned)).up, [-1, 0, 0], atol=1e-12)
+
+
+SLIDING = """<robot name="gantry">
+  <link name="foot"/>
+  <joint name="turn" type="revolute"><parent link="foot"/><child link="post"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+  <link name="post"/>
+  <joint name="out" type="prismatic"><parent link="post"/><child link="tool"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="1.5" velocity="1" effort="1"/></joint>
+  <link name="tool"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+</robot>"""
+
+
+def test_a_sliding_joint_takes_points_farther_out_and_moves_them_as_far_as_itself(tmp_path):
+    (tmp_path / "two.urdf").write_text(SLIDING)
+    mount = {"link": "tool", "position": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(TWO | {"mount": mount}))
+    arm = Arm.load(tmp_path / "two.yaml")
+    (far,) = link_meshes(arm, np.array([0.0, 1.5]))
+    assert np.linalg.norm(far.vertices, axis=1).max() <= arm.reaches[0] < 1.65
+    assert arm.reaches[1] == 1.0
 
 
 def test_an_unknown_arm_is_told_the_known_ones():

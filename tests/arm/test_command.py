@@ -42,6 +42,18 @@ def test_a_plan_is_printed_written_and_drawn(folder, capsys):
     assert (pixels < 200).any(axis=2).mean() > 0.01
 
 
+def test_clearances_are_printed_when_they_are_asked_for(folder, capsys):
+    command = ["pick", "seen", "--arm", "arm.yaml", "--drop", "-0.05", "0.5", "0.2", "--overwrite"]
+    assert main(command) == 0
+    assert "least clearance" not in capsys.readouterr().out
+    assert {phase["clearance"] for phase in json.loads((folder / "pick/plan.json").read_text())["phases"]} == {None}
+    assert main([*command, "--clearances"]) == 0
+    output = capsys.readouterr().out
+    assert "least clearance" in output
+    assert " mm" in output
+    assert all(phase["clearance"] >= 0 for phase in json.loads((folder / "pick/plan.json").read_text())["phases"])
+
+
 def test_a_plan_is_shown_in_the_browser(folder, capsys, monkeypatch):
     shown = []
     monkeypatch.setattr("icgnet.viewer.pick_web.PickViewer.wait", lambda viewer: (shown.append(viewer), viewer.stop()))

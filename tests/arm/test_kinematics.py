@@ -57,14 +57,20 @@ def test_closed_formulas_are_refused_for_another_link():
 def test_a_line_is_straight_and_keeps_the_orientation(fr3):
     way = np.array([0.06, -0.05, -0.09])
     line = straight_line(fr3, fr3.home, way)
-    assert len(line) == 1 + round(np.linalg.norm(way) / LINE_STEP)
+    assert len(line) == 1 + np.ceil(np.linalg.norm(way) / LINE_STEP)
     start = fr3.mount_pose(fr3.home)
-    length = np.linalg.norm(way)
-    for number, joints in enumerate(line):
+    for share, joints in zip(np.linspace(0.0, 1.0, len(line)), line, strict=True):
         pose = fr3.mount_pose(joints)
-        np.testing.assert_allclose(pose[:3, 3], start[:3, 3] + number * LINE_STEP / length * way, atol=1e-4)
+        np.testing.assert_allclose(pose[:3, 3], start[:3, 3] + share * way, atol=1e-4)
         np.testing.assert_allclose(pose[:3, :3], start[:3, :3], atol=1e-3)
     assert np.abs(np.diff(line, axis=0)).max() < 0.2
+
+
+@pytest.mark.parametrize("length", [0.06, 0.065, 0.096, 0.104])
+def test_a_line_is_as_long_as_it_was_asked_for(fr3, length):
+    line = straight_line(fr3, fr3.home, np.array([0.0, 0.0, -length]))
+    start, end = (fr3.mount_pose(joints)[:3, 3] for joints in line[[0, -1]])
+    np.testing.assert_allclose(end - start, [0.0, 0.0, -length], atol=1e-4)
 
 
 def test_a_line_ends_where_the_arm_does(fr3):

@@ -4,16 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
 
 import needs_arm  # noqa: F401
 from arm_scenes import DROP, T_BASE_FRAME, box
+from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody
-from icgnet.arm.pick import plan_pick
+from icgnet.arm.pick import checked_phase, plan_pick
 from icgnet.arm.replay import replay
-from icgnet.arm.scene import CARRIED, CollisionChecker
+from icgnet.arm.scene import CARRIED, CollisionChecker, Load
 from icgnet.arm.settings import PickSettings
+from icgnet.arm.timing import still
 from icgnet.errors import InputError
-from icgnet.geometry.transforms import invert_transform, make_transform, rotation_z
+from icgnet.geometry.transforms import invert_transform, make_transform, rotation_z, transform_points
 
 CUBOID = (0.05, 0.04, 0.10)
 
@@ -22,7 +26,7 @@ CUBOID = (0.05, 0.04, 0.10)
 def plain(fr3, seen):
     """A pick of the one box among three that a grasp is for."""
     meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
-    return plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
+    return plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP, PickSettings(clearances=True))
 
 
 def carried_at(plan, arm, joints):
@@ -40,7 +44,7 @@ def test_all_phases_follow_each_other_from_home_to_home(fr3, plain):
     assert plain.refusals == ()
     np.testing.assert_allclose(plain.phases[0].trajectory.positions[0], fr3.home, atol=1e-9)
     np.testing.assert_allclose(plain.phases[-1].trajectory.positions[-1], fr3.home, atol=1e-9)
-    assert [round(phase.opening, 3) for phase in plain.phases] == [0.052, 0.052, 0.04, 0.04, 0.04, 0.052, 0.052]
+    assert [round(phase.opening, 3) for phase in plain.phases] == [0.052, 0.052, 0.04, 0.04, 0.04, 0.08, 0.08]
     assert [phase.moves_fingers for phase in plain.phases] == [name in ("close", "release") for name in names]
 
 
@@ -194,6 +198,76 @@ def test_an_object_may_part_from_a_neighbour_that_it_leans_on(fr3, seen):
     assert {each.body for each in plan.phases[3].load.untested} == {"support", "object 1"}
 
 
+def test_what_lies_on_an_object_is_not_lifted_with_it(fr3, seen):
+    # A plate on the end of a bar, which touches it already; above it is nothing.
+    bar, plate = box((0.30, 0.04, 0.05)), box((0.05, 0.05, 0.01), x=0.28, z=0.05 + 0.05 + 0.005)
+    plan = plan_pick(seen([bar, plate]), fr3, T_BASE_FRAME, DROP)
+    assert plan.refused == {f"{CARRIED} meets object 1": 1}
+    beside = plan_pick(seen([bar, plate.copy().apply_translation([0.06, 0, -0.05])]), fr3, T_BASE_FRAME, DROP)
+    assert beside.is_found
+
+
+def test_the_carried_object_keeps_its_margin_once_it_has_left_its_neighbours(fr3, seen):
+    meshes = [box(CUBOID), box((0.04, 0.04, 0.06), x=0.197), box((0.06, 0.2, 0.01), x=0.25, z=0.20)]
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)  # a neighbour 2 mm away, a shelf that is passed by 45 mm
+    lift = plan.phases[3]
+    assert {each.body for each in lift.load.untested} == {"support"}
+    assert {each.body for each in lift.load.unpadded} == {"support", "object 1"}
+    bare = CollisionChecker(fr3, plan.gripper, plan.bodies, replace(plan.phases[4].load, padding=0.0))
+    for phase, kept in ((lift, 0.0), (plan.phases[4], 0.0085)):
+        path = phase.trajectory.at(np.linspace(0.0, phase.trajectory.duration, 100))
+        met = [bare.meetings(joints, kept) for joints in path]
+        assert not any(each.part == CARRIED and each.body != "support" for meetings in met for each in meetings)
+
+
+def test_an_object_of_which_nothing_is_known_is_refused(fr3, seen):
+    prediction = seen([box(CUBOID), box(CUBOID, x=0.24)], grasped=(0, 1))
+    empty = replace(prediction.objects[0], extract=trimesh.Trimesh, points=np.zeros((0, 3)))
+    plan = plan_pick(replace(prediction, objects=(empty, prediction.objects[1])), fr3, T_BASE_FRAME, DROP)
+    assert plan.refused == {"neither shape nor points": 1}
+    assert plan.instance == 1
+
+
+def test_an_arm_that_leans_lifts_and_lets_go_by_the_vertical(fr3, seen):
+    T_base_frame = make_transform(Rotation.from_rotvec([0.0, 0.3, 0.0]).as_matrix(), np.zeros(3)) @ T_BASE_FRAME
+    arm = Arm(replace(fr3.description, T_world_base=invert_transform(T_base_frame)))
+    drop = np.array([-0.05, 0.55, 0.20])
+    plan = plan_pick(seen([box(CUBOID)]), arm, T_base_frame, transform_points(T_base_frame, drop[None])[0])
+    lift = [
+        T_world @ np.append(arm.grasp_pose(q, plan.gripper)[:3, 3], 1.0)
+        for q in plan.phases[3].trajectory.positions[[0, -1]]
+        for T_world in [arm.description.T_world_base]
+    ]
+    np.testing.assert_allclose((lift[1] - lift[0])[:2], 0.0, atol=1e-3)
+    assert (lift[1] - lift[0])[2] >= 0.10 - 1e-4
+    mesh = carried_at(plan, arm, plan.phases[4].trajectory.positions[-1]).apply_transform(arm.description.T_world_base)
+    np.testing.assert_allclose([*mesh.bounds.mean(axis=0)[:2], mesh.bounds[0, 2]], drop, atol=1e-3)
+
+
+def test_joints_outside_of_their_limits_make_no_phase(fr3, hand):
+    load = Load(0.08, 0.08)
+    checker = CollisionChecker(fr3, hand, [], load)
+    outside = fr3.home.copy()
+    outside[0] = fr3.upper[0] + 0.1
+    assert not checker.collides(outside)
+    assert checked_phase("still", still(outside, 1.0), load, checker, 0.0) is None
+    assert checked_phase("still", still(fr3.home, 1.0), load, checker, 0.0) is not None
+
+
+def test_a_hand_between_neighbours_of_the_place_opens_no_wider_than_it_came(fr3, seen):
+    # Walls all around beside the fingers of a hand that is open by 52 mm, but not by 80.
+    place, wall = np.array([0.35, 0.35, 0.0]), trimesh.creation.box((0.05, 0.01, 0.11))
+    fixtures = []
+    for angle in np.arange(8) * np.pi / 4:
+        turned = make_transform(rotation_z(angle), place + [0, 0, 0.055])
+        shifted = wall.copy().apply_translation([0, 0.057, 0]).apply_transform(turned)
+        fixtures.append(CollisionBody(f"wall {len(fixtures)}", shifted))
+    settings = PickSettings(release="place", carried_margin=0.0)
+    plan = plan_pick(seen([box((0.04, 0.04, 0.10))]), fr3, T_BASE_FRAME, place, settings, fixtures=fixtures)
+    assert plan.phases[6].opening == pytest.approx(0.052)
+    assert replay(plan, fr3).is_kept
+
+
 def test_measured_points_may_take_the_place_of_shapes(fr3, seen):
     meshes = [box(CUBOID), box(CUBOID, y=0.26)]
     plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP, PickSettings(obstacles="points"))
@@ -226,6 +300,7 @@ def test_wrong_input_is_one_line(fr3, seen, changes, message):
     ("values", "message"),
     [
         ({"margin": 0.0}, "margin must be at least 0.001"),
+        ({"carried_margin": 0.05}, "carried_margin must be at least 0 and at most 0.02"),
         ({"lift": 0.5}, "lift must be at least 0.02 and at most 0.2"),
         ({"speed": 0.0}, "speed must be at least 0.01"),
         ({"drop_above": -0.1}, "drop_above must be at least 0 and at most 1"),
@@ -250,9 +325,9 @@ def test_what_always_stands_there_is_kept_clear_of_like_anything_else(fr3, seen)
 
 def test_a_plan_without_measured_clearances_is_the_same_and_keeps_its_margin(fr3, seen, plain):
     meshes = [box(CUBOID), box(CUBOID, y=0.26), box(CUBOID, x=0.24)]
-    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP, PickSettings(clearances=False))
+    plan = plan_pick(seen(meshes), fr3, T_BASE_FRAME, DROP)
     for first, second in zip(plain.phases, plan.phases, strict=True):
         np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
-        assert second.clearance == second.margin
-        assert second.nearest is None
+        assert (second.clearance, second.nearest) == (None, None)
+        assert second.caption == second.name
     assert replay(plan, fr3).is_kept

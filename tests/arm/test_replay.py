@@ -43,6 +43,17 @@ def test_something_in_the_way_is_found_with_its_depth(fr3, plan):
     assert not result.is_kept
 
 
+def test_a_jump_within_a_phase_is_found_whatever_its_velocities_say(fr3, plan):
+    carry = plan.phases[4].trajectory
+    positions = carry.positions.copy()
+    positions[len(positions) // 2 :, 6] += 0.1
+    phases = list(plan.phases)
+    phases[4] = replace(phases[4], trajectory=replace(carry, positions=positions))
+    result = replay(replace(plan, phases=tuple(phases[4:5])), fr3)
+    assert result.speed > 1.5
+    assert not result.is_kept
+
+
 def test_a_jump_between_phases_is_found(fr3, plan):
     result = replay(replace(plan, phases=plan.phases[:3] + plan.phases[4:]), fr3)
     assert result.gap > 0.01

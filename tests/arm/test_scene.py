@@ -1,5 +1,7 @@
 """Collisions and clearances against what can be worked out by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -82,11 +84,54 @@ def test_the_carried_object_moves_with_the_hand(fr3, hand, tips):
     assert nearest == Meeting(CARRIED, "shelf")
 
 
+def test_a_carried_object_keeps_its_padding_and_clearances_do_not_count_it(fr3, hand, tips):
+    held, shelf = block(*(tips - [0, 0, 0.06]), name="object 3"), block(*(tips - [0, 0, 0.162]), name="shelf")
+    load = Load(0.05, 0.05, carried=held, T_base_gripped=fr3.grasp_pose(fr3.home, hand), padding=0.004)
+    checker = CollisionChecker(fr3, hand, [held, shelf], load)
+    assert checker.meetings(fr3.home) == (Meeting(CARRIED, "shelf"),)  # 2 mm apart
+    clearance, nearest = checker.clearance(fr3.home[None])
+    assert clearance == pytest.approx(0.002, abs=CLEARANCE_STEP)
+    assert nearest == Meeting(CARRIED, "shelf")
+    near = replace(load, unpadded=frozenset({Meeting(CARRIED, "shelf")}))
+    assert not CollisionChecker(fr3, hand, [held, shelf], near).collides(fr3.home)
+    assert CollisionChecker(fr3, hand, [held, shelf], near).collides(fr3.home, 0.003)
+
+
+def test_a_carried_object_meets_every_link_but_the_one_that_holds_it(fr3, hand):
+    # A rod on the flange that reaches to the link before the last one, and far beyond.
+    flange = fr3.mount_pose(fr3.home)[:3, 3]
+    rod = block(*(flange + [-0.088, 0, 0.02]), size=(0.2, 0.02, 0.1), name="object 3")
+    load = Load(0.05, 0.05, carried=rod, T_base_gripped=fr3.grasp_pose(fr3.home, hand))
+    met = {each.body for each in CollisionChecker(fr3, hand, [], load).meetings(fr3.home) if each.part == CARRIED}
+    assert "fr3_link6" in met
+    assert "fr3_link7" not in met
+
+
+def test_the_arm_keeps_the_margin_from_itself_too(fr3, hand):
+    checker = CollisionChecker(fr3, hand, [], OPEN)
+    drawn = np.random.default_rng(0).uniform(fr3.lower, fr3.upper, (300, 7))
+    near = [joints for joints in drawn if not checker.collides(joints) and checker.collides(joints, 0.02)]
+    assert 0 < len(near) < 100
+
+
 def test_the_arm_meets_itself(fr3, hand):
     checker = CollisionChecker(fr3, hand, [], OPEN)
     assert not checker.collides(fr3.home)
     folded = np.array([0.0, 1.5, 0.0, -2.7, 0.0, 0.9, 0.7])
     assert {meeting.part for meeting in checker.meetings(folded)} >= {HAND}
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.005])
+def test_a_path_is_free_if_all_of_it_is_however_few_are_tested(fr3, hand, margin):
+    checker = CollisionChecker(fr3, hand, [block(0.0, 0.3, 0.5)], OPEN)
+    path = fr3.home + np.linspace(0.0, 1.0, 400)[:, None] * np.array([1.5, 0, 0, 0, 0, 0, 0])
+    step = 1.5 / 399 * checker.reaches[0]
+    at = checker.first_collision(path, margin)
+    tested = []
+    meets, checker._meets = checker._meets, lambda joints: tested.append(0) or meets(joints)
+    assert checker.is_free(path[:at], margin, step)
+    assert len(tested) < 0.7 * at
+    assert not checker.is_free(path[: at + 1], margin, step)
 
 
 def test_the_first_collision_of_a_path_is_found(fr3, hand):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import needs_arm  # noqa: F401
+from arm_scenes import link_meshes
 from icgnet.arm.kinematics import straight_line
 from icgnet.arm.timing import Timing, joined, slowed, still
 from icgnet.errors import InputError
@@ -76,7 +77,7 @@ def test_a_path_must_lead_somewhere(timing, path):
 def test_between_samples_nothing_moves_farther_than_asked_for(fr3, timing, path):
     samples = timing.along(path, 0.05).samples(fr3.reaches, 0.02)
     np.testing.assert_allclose(samples[[0, -1]], path[[0, -1]], atol=1e-9)
-    corners = [np.concatenate([mesh.vertices for mesh in fr3.link_meshes(joints)]) for joints in samples]
+    corners = [np.concatenate([mesh.vertices for mesh in link_meshes(fr3, joints)]) for joints in samples]
     ways = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(corners)]
     assert max(ways) <= 0.02
 

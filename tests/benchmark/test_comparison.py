@@ -211,8 +211,9 @@ def test_published_rates_are_of_views_and_noises_that_we_have_once():
         (PUBLISHED["targets"], 10, 4),
         (PUBLISHED["shapes"], 10, 3),
         (PUBLISHED["times"], 7, 4),
+        (PUBLISHED["arms"], 8, 4),
     ],
-    ids=["rates", "targets", "shapes", "times"],
+    ids=["rates", "targets", "shapes", "times", "arms"],
 )
 def test_published_rows_have_the_cells_of_our_columns_and_say_who_measured_and_where(lines, width, measured_by):
     assert all(len(row) == width for row in lines)
@@ -254,6 +255,36 @@ def test_nothing_is_published_of_tables_and_bins_even_with_the_camera_and_noise_
     report["settings"] |= {"noise": "gaussian", "protocol": "edge"}
     part = section(page(clutter(), report), "Tables and bins, camera random, noise gaussian")
     assert [row[0] for row in rows(part, "")][2:] == ["icgnet 01234567"]
+
+
+def workcell(scene: str = "packed", played: int = 100, **settings: object) -> dict[str, object]:
+    told = {"arm": "fr3", "hand_eye_error": True, "obstacles": "shapes", "attached_check": True, "pool": 17}
+    times = {"plan_median": 0.21, "plan_p95": 0.5, "cycle": 7.5}
+    values = {"gsr": measured(97.0) | {"std": None}, "dr": measured(96.0) | {"std": None}, "hits": None, **times}
+    values |= {"attempts": 420, "rounds": played, "failures": {"close: missed": 3}}
+    settings = {"planner": "icgnet", "noise": "stereo", "rounds": 100, "fetch": False, **told, **settings}
+    return on_pictures("workcell", values, scene=scene, **settings)
+
+
+def test_a_whole_arm_stands_beside_the_real_one(page):
+    text = section(page(workcell(), workcell("pile", 4, attached_check=False, fetch=True)), "A whole arm")
+    checked, unchecked = rows(text, "icgnet")
+    assert checked[:4] == [
+        "icgnet 01234567",
+        "clearing with fr3, noise stereo, hand-eye error on, obstacles shapes, carried shape checked",
+        "17 test objects of procedural, 100 rounds, seed 1",
+        "packed",
+    ]
+    assert checked[5:] == [
+        *("420", "97.0 [95.0, 99.0]", "96.0 [94.0, 98.0]", "-", "0.21", "0.50", "7.50", "3 close: missed"),
+    ]
+    assert unchecked[0].endswith(FEW)
+    assert unchecked[1].startswith("fetching one object with fr3")
+    assert "carried shape not checked" in unchecked[1]
+    assert [row[3:] for row in rows(text, "ICG-Net")] == [
+        [kind, "its authors (ICG-Net, Real World Experiments)", "-", "90", dr, *"-----"]
+        for kind, dr in (("packed", "88"), ("pile", "83"))
+    ]
 
 
 def test_targets_stand_by_occlusion_beside_the_published_one(page):
@@ -395,7 +426,7 @@ def test_reports_are_found_in_folders_inside_of_folders_and_once(tmp_path):
 def test_reports_of_other_kinds_are_named_and_not_enough_alone(page, tmp_path):
     assert "Not on this page:" in page(clutter(), {"benchmark": "loader"})
     with pytest.raises(
-        InputError, match="clutter, target, reconstruction, segmentation, latency, captures; found: loader"
+        InputError, match="clutter, target, reconstruction, segmentation, latency, captures, workcell; found: loader"
     ):
         compare(find_reports([tmp_path / "b"]))
 

@@ -5,10 +5,12 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import needs_arm  # noqa: F401
+from arm_scenes import box, boxes_seen
 from box_objects import EDGE, BoxAndBall, placed
-from icgnet.arm.arm import Arm
+from icgnet.arm.bodies import bodies_of
 from icgnet.benchmark.clutter import ROUNDS_FILE
 from icgnet.benchmark.config import WorkcellConfig
 from icgnet.benchmark.record import REPORT_FILE
@@ -16,14 +18,27 @@ from icgnet.benchmark.workcell import numbers, rounds
 from icgnet.benchmark.workcell.eyes import TrueEyes, instance_under, take_look, true_object
 from icgnet.benchmark.workcell.numbers import read_workcell_rounds, run_workcell, summarise, tables
 from icgnet.benchmark.workcell.rounds import PickAttempt, Sight, WorkcellJob, WorkcellRound, draw_pool, workcell_scene
-from icgnet.benchmark.workcell.station import CAMERA, HAND_EYE_SHIFT, HAND_EYE_TURN, VIEWS_DEG, Station, misplaced
+from icgnet.benchmark.workcell.station import (
+    BOX,
+    CAMERA,
+    HAND_EYE_SHIFT,
+    HAND_EYE_TURN,
+    VIEWS_DEG,
+    Station,
+    misplaced,
+    standing_arm,
+)
 from icgnet.cli.main import main
 from icgnet.errors import DataError, InputError
+from icgnet.geometry.clouds import PointCloud
 from icgnet.geometry.transforms import invert_transform, make_transform, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.grasping.gripper import load_gripper
+from icgnet.inference.prediction import NO_INSTANCE
 from icgnet.objects.object_set import load_object_set
-from icgnet.simulation.surroundings import ENDLESS
+from icgnet.simulation.robot_cell import RobotCell
+from icgnet.simulation.scene import BACKGROUND
+from icgnet.simulation.surroundings import BIN_WALL, ENDLESS
 
 OBJECTS, FRANKA = BoxAndBall(), load_gripper()
 CONFIG = WorkcellConfig(planner="oracle", rounds=1, split="val", noise="none", pool=2)
@@ -32,7 +47,7 @@ ONE_BOX = placed(("box", (0.15, 0.15, TABLE_HEIGHT + EDGE / 2)))
 
 @pytest.fixture(scope="module")
 def station():
-    return Station(Arm.load("fr3"), FRANKA, ENDLESS)
+    return Station(standing_arm("fr3"), FRANKA, ENDLESS)
 
 
 def sight(**changes) -> Sight:
@@ -143,6 +158,31 @@ def test_a_table_keeps_its_edge_and_floor_and_nothing_where_the_arm_is():
     assert {each.name for each in scene.surroundings.structures} == {"table edge", "floor"}
     lower, upper = scene.surroundings.bounds
     assert (upper - lower).max() <= 0.51
+
+
+def test_walls_of_a_bin_stand_in_the_cell_and_what_is_seen_of_them_is_an_obstacle():
+    config = WorkcellConfig(scene="bin", split="val", seed=0, planner="oracle")
+    job = WorkcellJob(config, draw_pool(config, load_object_set("procedural")), FRANKA)
+    scene = workcell_scene(job, 0)
+    station = Station(standing_arm("fr3"), FRANKA, scene.surroundings)
+    cell = RobotCell(scene, job.pool, FRANKA, station.model, BOX, station.arm.home)
+    assert (cell._name_of_geom == BACKGROUND).sum() >= len(scene.surroundings.structures) + len(BOX.structures())
+    pose = make_transform(np.diag([1.0, -1.0, -1.0]), np.array([0.15, 0.15, 0.75]))
+    look = take_look(scene, job.pool, pose, pose, "none", np.random.default_rng(0))
+    mask = look.in_workspace()
+    points, ids = look.points[mask], look.image.ids[mask]
+    # As the network gives it: everything in the mask, and what is no object belongs to none.
+    prediction = replace(
+        boxes_seen([box((0.02, 0.02, 0.02))]),
+        cloud=PointCloud(points, None, "world"),
+        cloud_instances=np.where(ids >= 0, 0, NO_INSTANCE),
+        input_rows=np.arange(len(points)),
+        input_shape=(len(points),),
+    )
+    (seen,) = [each for each in bodies_of(prediction, station.T_base_world) if each.name == "background"]
+    walls = trimesh.util.concatenate([each.mesh for each in station.walls if each.name == BIN_WALL])
+    np.testing.assert_allclose(seen.mesh.bounds[:, :2], walls.bounds[:, :2], atol=0.025)
+    assert seen.mesh.bounds[1, 2] == pytest.approx(walls.bounds[1, 2], abs=0.015)
 
 
 def test_the_oracle_sees_true_shapes_where_the_camera_is_believed_to_be():

@@ -89,8 +89,23 @@ def test_an_object_comes_into_the_box_and_out_of_the_scene():
 
 
 def test_a_hand_that_closes_beside_the_object_misses_it():
-    result = cell_of(placed(STANDING)).pick(phases(GRASP + [0.0, 0.0, 0.15]), 0)
+    cell = cell_of(placed(STANDING))
+    result = cell.pick(phases(GRASP + [0.0, 0.0, 0.15]), 0)
     assert (result.cause, result.carried, result.removed) == (PickCause.MISSED, False, ())
+    # It stops there and goes back as it came, and not on to the box.
+    assert cell.joints() == pytest.approx(HIGH, abs=2e-3)
+    assert result.seconds < 2.6  # 1.0 s to the grasp, closing, 0.9 s back; the whole pick takes 3 s
+    assert cell.pick(phases(), 0).success
+
+
+def test_what_a_hand_touches_of_a_wall_is_told_also_on_its_way_back():
+    wall = block("wall", (0.02, 0.3, 0.2), make_transform(np.eye(3), np.array([0.28, 0.15, TABLE_HEIGHT + 0.1])))
+    scene = replace(placed(STANDING), surroundings=Surroundings(structures=(wall,)))
+    aside = np.array([0.25, 0.05, 0.2])
+    sweep = motion("reach", HIGH, [0.25, 0.05, 0.35], aside, [0.29, 0.05, 0.2], aside, [0.25, 0.05, 0.35], HIGH)
+    result = cell_of(scene).pick([replace(sweep, times=4 * sweep.times), *phases()], 0)
+    assert BACKGROUND in result.touched
+    assert cell_of(scene).pick(phases(), 0).touched == ()
 
 
 def test_what_is_for_no_object_is_missed_but_what_comes_into_the_box_is_counted():

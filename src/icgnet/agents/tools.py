@@ -242,7 +242,7 @@ def _grasp_entry(grasp: dict[str, Any]) -> dict[str, Any]:
 def _phase_entry(phase: dict[str, Any]) -> dict[str, Any]:
     """A phase without the points between its ends, of which there are hundreds."""
     points = phase["joint_trajectory"]["points"]
-    kept = ("name", "duration", "opening", "moves_fingers", "carries", "clearance", "nearest")
+    kept = ("name", "duration", "opening", "moves_fingers", "carries", "margin", "clearance", "nearest")
     return {
         **{name: phase[name] for name in kept},
         "first_joints": points[0]["positions"],

@@ -45,13 +45,33 @@ class Arm:
                 f"arm {self.name}: home has {len(description.home)} joints, the URDF {count} up to the hand"
             )
         self._mount = self.model.getFrameId(description.mount_link)
-        self.lower = _limit(description.lower, self.model.lowerPositionLimit, "lower")
-        self.upper = _limit(description.upper, self.model.upperPositionLimit, "upper")
-        self.velocity = _limit(description.velocity, self.model.velocityLimit, "velocity")
+        self.lower = self._limit("lower", self.model.lowerPositionLimit, np.greater_equal)
+        self.upper = self._limit("upper", self.model.upperPositionLimit, np.less_equal)
+        speeds = np.array(self.model.velocityLimit)
+        self.velocity = self._limit("velocity", np.where(speeds > 0, speeds, np.inf), np.less_equal)
         self.acceleration = description.acceleration
         if not (self.lower < self.upper).all() or not (self.velocity > 0).all():
             raise DataError(f"arm {self.name}: every joint needs lower < upper and a velocity above 0")
         self.home = self.check_joints(description.home, "home")
+
+    def _limit(self, name: str, of_urdf: Float[np.ndarray, "j"], is_within: np.ufunc) -> Float[np.ndarray, "j"]:
+        """Limits of the arm file, which may be narrower than those of the URDF, or the latter.
+
+        Raises:
+            DataError: neither says them, or those of the file are wider.
+        """
+        given: Float[np.ndarray, "j"] | None = getattr(self.description, name)
+        values = np.array(of_urdf if given is None else given, float)
+        if not np.isfinite(values).all():
+            raise DataError(f"the URDF has no limits for all joints: give {name} in the arm file")
+        wider = np.isfinite(of_urdf) & ~is_within(values, of_urdf)
+        if wider.any():
+            worst = int(np.argmax(wider))
+            raise DataError(
+                f"arm {self.name}: {name} of {self.joint_names[worst]} is {values[worst]:g}, beyond the "
+                f"{of_urdf[worst]:g} of the URDF"
+            )
+        return values
 
     @staticmethod
     def load(source: str | Path = "fr3") -> "Arm":
@@ -66,6 +86,11 @@ class Arm:
     def shoulder(self) -> Float[np.ndarray, "3"]:
         """Where the first joint is, in the frame of the base [m]."""
         return np.array(self.model.jointPlacements[1].translation)
+
+    @property
+    def up(self) -> Float[np.ndarray, "3"]:
+        """The direction away from the ground in the frame of the base: not its z if the arm hangs or leans."""
+        return self.description.T_world_base[2, :3].copy()
 
     @property
     def mount_joint(self) -> int:
@@ -139,11 +164,6 @@ class Arm:
         placed = [self.data.oMi[shape.joint] * shape.placement for shape in self.link_shapes]
         return np.array([each.homogeneous for each in placed]).reshape(-1, 4, 4)
 
-    def link_meshes(self, joints: Float[np.ndarray, "j"]) -> list[trimesh.Trimesh]:
-        """The collision shapes of the links, convex, in the frame of the base [m]."""
-        poses = self.link_poses(joints)
-        return [shape.mesh.copy().apply_transform(T) for shape, T in zip(self.link_shapes, poses, strict=True)]
-
     @cached_property
     def link_pairs(self) -> tuple[tuple[int, int], ...]:
         """Pairs of link shapes, by number, that could meet: not neighbours, and not told by the SRDF never to."""
@@ -164,18 +184,28 @@ class Arm:
 
     @cached_property
     def reaches(self) -> Float[np.ndarray, "j"]:
-        """How far a point of the arm can be from the axis of each joint [m], at most, the hand left out."""
-        lengths = [np.linalg.norm(placement.translation) for placement in list(self.model.jointPlacements)[1:]]
+        """How far a point of the arm, without the hand, can be from the axis of each joint [m]; see `farthest`."""
         extents = np.zeros(len(self.joint_names) + 1)
         for shape in self.link_shapes:
             points = shape.mesh.vertices @ shape.placement.rotation.T + shape.placement.translation
             extents[shape.joint] = max(extents[shape.joint], np.linalg.norm(points, axis=1).max())
-        mount = extents[-1]
-        extents[-1] = max(mount, float(np.linalg.norm(self.T_joint_mount[:3, 3])))
-        count = len(lengths)
-        return np.array(
-            [max(sum(lengths[i + 1 : j + 1]) + extents[j + 1] for j in range(i, count)) for i in range(count)]
-        )
+        extents[-1] = max(extents[-1], float(np.linalg.norm(self.T_joint_mount[:3, 3])))
+        return self.farthest(extents[1:])
+
+    def farthest(self, extents: Float[np.ndarray, "j"]) -> Float[np.ndarray, "j"]:
+        """How far a point moves at most, by how far each joint does: its distance from the axis [m], 1 if it slides.
+
+        Args:
+            extents: how far what each joint moves extends from the frame of that joint [m].
+        """
+        slides = np.abs(self.joint_motions[:, :3]).any(axis=1)
+        lengths = np.linalg.norm(self.joint_frames[:, :3, 3], axis=1)
+        lengths += slides * np.maximum(np.abs(self.lower), np.abs(self.upper))
+        found = [
+            max(lengths[first + 1 : last + 1].sum() + extents[last] for last in range(first, len(extents)))
+            for first in range(len(extents))
+        ]
+        return np.where(slides, 1.0, found)
 
 
 class LinkShape:
@@ -268,10 +298,3 @@ def _never_meeting(description: ArmDescription) -> set[frozenset[str]]:
         return {frozenset((each.attrib["link1"], each.attrib["link2"])) for each in entries}
     except (ElementTree.ParseError, KeyError, OSError) as error:
         raise DataError(f"arm {description.name}: {description.srdf.name} cannot be read: {error}") from error
-
-
-def _limit(given: Float[np.ndarray, "j"] | None, of_urdf: Float[np.ndarray, "j"], name: str) -> Float[np.ndarray, "j"]:
-    values = np.array(of_urdf if given is None else given, float)
-    if not np.isfinite(values).all() or len(values) != len(of_urdf):
-        raise DataError(f"the URDF has no limits for all joints: give {name} in the arm file")
-    return values

@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -49,6 +50,13 @@ class CollisionBody:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "geometry", mesh_geometry(self.mesh))
+
+    @cached_property
+    def hull(self) -> object:
+        """Its convex hull for coal."""
+        geometry = coal.BVHModelOBB(self.geometry)
+        geometry.buildConvexHull(False, "Qt")
+        return geometry.convex
 
 
 def mesh_geometry(mesh: trimesh.Trimesh) -> object:

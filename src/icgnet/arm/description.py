@@ -97,7 +97,10 @@ def _parse(entries: Any, folder: Path) -> ArmDescription:
         raise InputError(
             f"must have the entries {', '.join(REQUIRED)}, may have {', '.join(OPTIONAL)}: {', '.join(told)}"
         )
-    packages = tuple(folder / str(each) for each in entries.get("packages", [])) + (Path(get_package_share_dir()),)
+    given = entries.get("packages") or []
+    if not isinstance(given, list):
+        raise InputError(f"packages must be a list of folders, got {described(given)}")
+    packages = tuple(folder / str(each) for each in given) + (Path(get_package_share_dir()),)
     home = real_array(entries["home"], "home", (None,))
     mount = entries["mount"]
     if not isinstance(mount, dict) or not isinstance(mount.get("link"), str):
@@ -115,7 +118,7 @@ def _parse(entries: Any, folder: Path) -> ArmDescription:
         T_link_mount=_pose({key: mount.get(key) for key in ("position", "quaternion")}, "mount"),
         T_world_base=_pose(entries.get("base", {"position": [0, 0, 0], "quaternion": [1, 0, 0, 0]}), "base"),
         home=home,
-        acceleration=_positive(joints("acceleration"), "acceleration"),
+        acceleration=_positive(real_array(entries["acceleration"], "acceleration", (len(home),)), "acceleration"),
         lower=joints("lower"),
         upper=joints("upper"),
         velocity=_positive(joints("velocity"), "velocity"),

@@ -10,8 +10,9 @@ from jaxtyping import Float
 
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody, bodies_of, object_name
-from icgnet.arm.kinematics import LINE_STEP, make_solver, straight_line
-from icgnet.arm.pick import HALF_TURN, UP, apart, plan_pick
+from icgnet.arm.kinematics import line_steps, make_solver, straight_line
+from icgnet.arm.parting import pressed
+from icgnet.arm.pick import HALF_TURN, apart, lift_ways, plan_pick
 from icgnet.arm.plan import PickPlan
 from icgnet.arm.scene import CARRIED, HAND, CollisionChecker, Load, Meeting
 from icgnet.arm.settings import DEFAULT_PICK, PickSettings
@@ -55,11 +56,6 @@ class FetchPlan:
     reasons: Mapping[int, str]
     pick: PickPlan
 
-    @property
-    def is_blocked(self) -> bool:
-        """Whether something must be taken away before."""
-        return len(self.order) != 1
-
 
 def plan_fetch(
     prediction: Prediction,
@@ -92,18 +88,20 @@ def plan_fetch(
     """
     prediction.class_of(target)
     pose = check_pose(T_base_frame, "T_base_frame")
-    pick = plan_pick(prediction.of_instance(target), arm, pose, drop, settings, start, fixtures)
-    if pick.is_found:
-        return FetchPlan(target, (target,), {}, pick)
+    alone = plan_pick(prediction.of_instance(target), arm, pose, drop, settings, start, fixtures)
+    if alone.is_found:
+        return FetchPlan(target, (target,), {}, alone)
     ways = ways_to_take(prediction, arm, pose, settings, fixtures)
-    ways[target] = tuple(way for way in ways[target] if way.blockers)
+    first = target
     while True:
-        order = shortest_order({key: [way.blockers for way in each] for key, each in ways.items()}, target)
-        first = order[0] if order else target
-        pick = plan_pick(prediction.of_instance(first), arm, pose, drop, settings, start, fixtures)
-        if pick.is_found or not order:
-            return FetchPlan(target, order, _reasons(ways, order), pick)
         ways[first] = tuple(way for way in ways[first] if way.blockers)
+        order = shortest_order({key: [way.blockers for way in each] for key, each in ways.items()}, target)
+        if not order:
+            return FetchPlan(target, (), {}, alone)
+        first = order[0]
+        pick = plan_pick(prediction.of_instance(first), arm, pose, drop, settings, start, fixtures)
+        if pick.is_found:
+            return FetchPlan(target, order, _reasons(ways, order), pick)
 
 
 def shortest_order(ways: Mapping[int, Iterable[frozenset[int]]], target: int) -> tuple[int, ...]:
@@ -168,7 +166,7 @@ def ways_to_take(
             for pose in (grasps.poses[row], grasps.poses[row] @ HALF_TURN):
                 asked = _Asked(arm, prediction, bodies, settings, target, pose, opening, width)
                 T_base_mount = pose @ invert_transform(arm.T_mount_grasp(prediction.gripper))
-                for joints in apart(solver.solutions(T_base_mount))[:REACHES]:
+                for joints in apart(solver.solutions(T_base_mount), REACHES):
                     way = asked.way(joints)
                     if way is not None:
                         ways.setdefault(way.blockers, way)
@@ -209,27 +207,35 @@ class _Asked:
         opening: float,
         width: float,
     ) -> None:
-        self._arm, self._settings, self._pose = arm, settings, pose
+        self._arm, self._gripper, self._bodies = arm, prediction.gripper, bodies
+        self._settings, self._pose = settings, pose
         self._instances = {body.name: body.instance for body in bodies if body.instance != NO_INSTANCE}
         beside = frozenset({Meeting(HAND, target.name)}) if target.from_points else frozenset()
         self._open = CollisionChecker(arm, prediction.gripper, bodies, Load(opening, opening, untested=beside))
         carried = target if settings.check_carried else None
-        load = Load(width, width, carried=carried, T_base_gripped=pose, absent=frozenset({target.name}))
-        self._holding = CollisionChecker(arm, prediction.gripper, bodies, load)
+        self._load = Load(
+            width,
+            width,
+            carried=carried,
+            T_base_gripped=pose,
+            absent=frozenset({target.name}),
+            padding=settings.carried_margin,
+        )
+        self._holding = CollisionChecker(arm, prediction.gripper, bodies, self._load)
 
     def way(self, joints: Float[np.ndarray, "j"]) -> Way | None:
         """What must be taken away for these joint positions at the grasp; None if that does not help."""
         reasons: dict[int, str] = {}
         back = straight_line(self._arm, joints, -self._settings.approach * self._pose[:3, 2])
-        if len(back) <= round(self._settings.approach / LINE_STEP):
+        if len(back) <= line_steps(self._settings.approach):
             return None
         for position in back:
             if not self._note(self._open.meetings(position) if self._open.collides(position) else (), reasons):
                 return None
         best: dict[int, str] | None = None
-        for direction in (UP, -self._pose[:3, 2]):
+        for direction in lift_ways(self._arm, self._pose):
             lifted = straight_line(self._arm, joints, self._settings.lift * direction)
-            if len(lifted) <= round(self._settings.lift / LINE_STEP):
+            if len(lifted) <= line_steps(self._settings.lift):
                 continue
             own = dict(reasons)
             if self._lift(lifted, own) and (best is None or len(own) < len(best)):
@@ -244,6 +250,8 @@ class _Asked:
                 met = [each for each in self._holding.meetings(position) if each not in at_first]
                 if not self._note(met, reasons):
                     return False
+        if not self._note(pressed(self._arm, self._gripper, self._bodies, self._load, line, at_first), reasons):
+            return False
         # What it still touches when it has been lifted lies on it, or holds it.
         return self._note(self._holding.meetings(line[-1]) if self._holding.collides(line[-1]) else (), reasons)
 

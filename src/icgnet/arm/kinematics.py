@@ -3,6 +3,7 @@
 # The compiled modules of pinocchio carry no types.
 # pyright: reportAttributeAccessIssue=false
 
+import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -23,7 +24,7 @@ DAMPING = 1e-3
 SAME = 0.1
 """Solutions whose joints are all nearer than this are one [rad]."""
 LINE_STEP = 0.01
-"""A straight line is followed in steps of this [m]."""
+"""A straight line is followed in steps of this [m], at most."""
 LARGEST_JUMP = 0.2
 """Joints that move farther than this within one step of a line have changed over to another solution [rad]."""
 
@@ -130,6 +131,11 @@ def _pose_error(
     return np.concatenate([T_now_wanted[:3, 3], pin.log3(T_now_wanted[:3, :3])])
 
 
+def line_steps(length: float) -> int:
+    """In how many steps a straight line of this length [m] is followed."""
+    return math.ceil(length / LINE_STEP - 1e-9)
+
+
 def straight_line(arm: Arm, start: Float[np.ndarray, "j"], way: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n j"]:
     """Joint positions along a straight line, the hand keeping its orientation, as far as the arm can follow.
 
@@ -139,14 +145,14 @@ def straight_line(arm: Arm, start: Float[np.ndarray, "j"], way: Float[np.ndarray
         way: where it leads, from there, in the frame of the base [m].
 
     Returns:
-        The start, then one position every `LINE_STEP`. The joints follow without jumps and within their limits; the
-        line ends early where they cannot.
+        The start, then the ends of `line_steps` equal steps. The joints follow without jumps and within their limits;
+        the line ends early where they cannot.
     """
     wanted = arm.mount_pose(start)
-    length = float(np.linalg.norm(way))
+    steps = line_steps(float(np.linalg.norm(way)))
     line = [start]
-    for _ in range(round(length / LINE_STEP)):
-        wanted[:3, 3] += LINE_STEP / length * way
+    for _ in range(steps):
+        wanted[:3, 3] += way / steps
         joints = follow(arm, line[-1], wanted)
         if joints is None or np.abs(joints - line[-1]).max() > LARGEST_JUMP:
             break

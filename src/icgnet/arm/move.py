@@ -12,7 +12,7 @@ from icgnet.arm.pick import DEVIATIONS, checked_phase
 from icgnet.arm.plan import Phase
 from icgnet.arm.scene import CollisionChecker, Load
 from icgnet.arm.settings import DEFAULT_PICK, PickSettings
-from icgnet.arm.timing import Timing
+from icgnet.arm.timing import timing_of
 from icgnet.grasping.gripper import Gripper
 
 
@@ -39,9 +39,9 @@ def plan_move(
     way = PathFinder(checker, settings.margin, np.random.default_rng(settings.seed)).find(start, goal)
     if way is None:
         return None
-    timing = Timing(arm)
+    timing = timing_of(arm)
     phases = (
-        checked_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin, False)
+        checked_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin)
         for deviation in DEVIATIONS
     )
     return next((phase for phase in phases if phase is not None), None)

@@ -13,12 +13,13 @@ from jaxtyping import Float
 
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody, bodies_of, is_over_support, object_name
-from icgnet.arm.kinematics import LINE_STEP, Solver, make_solver, straight_line
+from icgnet.arm.kinematics import Solver, line_steps, make_solver, straight_line
+from icgnet.arm.parting import pressed
 from icgnet.arm.paths import PathFinder
 from icgnet.arm.plan import Phase, PickPlan, Refusal
 from icgnet.arm.scene import CARRIED, HAND, CollisionChecker, Load, Meeting
 from icgnet.arm.settings import DEFAULT_PICK, FARTHEST_BACK, HIGHEST_LIFT, PickSettings
-from icgnet.arm.timing import Timing, Trajectory, still
+from icgnet.arm.timing import Trajectory, still, timing_of
 from icgnet.errors import InputError
 from icgnet.geometry.arrays import position
 from icgnet.geometry.transforms import check_pose, invert_transform, make_transform, rotation_z, transform_points
@@ -26,7 +27,6 @@ from icgnet.geometry.workspace import TABLE_HEIGHT
 from icgnet.inference.budget import Budget, Clock
 from icgnet.inference.prediction import Prediction
 
-UP = np.array([0.0, 0.0, 1.0])
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 """A parallel-jaw hand turned by this about its approach takes the same grasp."""
 MOST_REACHES, MOST_DROPS, MOST_WAYS = 6, 24, 2
@@ -38,7 +38,9 @@ DEVIATIONS = (0.1, 0.02, 0.0)
 """How far rounded corners may be from the waypoints of a way [rad]: the next one where the first meets something."""
 LINE_DEVIATION = 0.002
 CLEARANCE_TRAVEL = 0.005
-"""Clearances are those at positions between which no point moves farther than this [m], or than between two tests."""
+"""Clearances are those at positions between which no point moves farther than this [m]."""
+SAME_WAY = 0.9999
+"""Cosine from which on two directions are one: 0.8 degrees."""
 UNSEEN = 0.0005
 """How deep things may meet between two positions that were tested [m], at most."""
 FINGER_SPEED = 0.1
@@ -46,7 +48,7 @@ FINGER_SPEED = 0.1
 STAND_OFF = 0.002
 """Height at which an object is let go of above what it shall stand on [m]."""
 
-NO_IK = "no joint positions"
+NO_BODY, NO_IK = "neither shape nor points", "no joint positions"
 NO_REACH, NO_LINE, NO_LIFT = "no way to the object", "no straight way in", "no straight way up"
 NO_DROP, NO_CARRY, NO_LOWER = "drop-off out of reach", "no way to the drop-off", "no straight way down"
 NO_LEAVE, NO_RETURN = "no straight way out", "no way back"
@@ -101,12 +103,14 @@ class _RefusedError(Exception):
 class _Reach:
     """How a grasp is reached and left: joint positions at the grasp, on the line before it and on the line after it.
 
-    Both lines begin at the grasp.
+    Both lines begin at the grasp. `lifting` is what the hand holds on the second one, which may still touch what the
+    object stands at.
     """
 
     joints: Float[np.ndarray, "j"]
     back: Float[np.ndarray, "n j"]
     lift: Float[np.ndarray, "m j"]
+    lifting: Load
 
 
 class _Planner:
@@ -135,7 +139,8 @@ class _Planner:
             )
         self.bodies = (*bodies_of(prediction, T_base_frame, settings.obstacles), *fixtures)
         self.solver: Solver = make_solver(arm)
-        self.timing = Timing(arm)
+        self.timing = timing_of(arm)
+        self.checkers: dict[tuple[object, ...], CollisionChecker] = {}
         self.rng = np.random.default_rng(settings.seed)
         self.clock.lap("bodies")
 
@@ -188,7 +193,10 @@ class _Planner:
         )
 
     def _checker(self, load: Load, extra: Sequence[CollisionBody] = ()) -> CollisionChecker:
-        return CollisionChecker(self.arm, self.gripper, (*self.bodies, *extra), load)
+        key = (load.key, *extra)
+        if key not in self.checkers:
+            self.checkers[key] = CollisionChecker(self.arm, self.gripper, (*self.bodies, *extra), load)
+        return self.checkers[key]
 
     def _try(self, index: int, instance: int) -> tuple[Float[np.ndarray, "4 4"], tuple[Phase, ...]]:
         """The phases for one grasp.
@@ -199,7 +207,9 @@ class _Planner:
         pose = self.grasps.poses[index]
         opening = float(min(self.grasps.openings[index], self.gripper.max_opening))
         width = float(min(self.grasps.widths[index], opening))
-        target = next(body for body in self.bodies if body.name == object_name(instance))
+        target = next((body for body in self.bodies if body.name == object_name(instance)), None)
+        if target is None:
+            raise _RefusedError(NO_BODY)
         # Cubes around its points reach between the fingers.
         beside = frozenset({Meeting(HAND, target.name)})
         opened = Load(opening, opening, untested=beside if target.from_points else frozenset())
@@ -213,6 +223,7 @@ class _Planner:
                 carried=target if self.settings.check_carried else None,
                 T_base_gripped=T_base_grasp,
                 absent=frozenset({target.name}),
+                padding=self.settings.carried_margin,
             )
             reach = self._reach(T_base_grasp, checker, holding, reasons)
             if reach is not None:
@@ -220,7 +231,7 @@ class _Planner:
         self.clock.lap("grasp")
         for T_base_grasp, holding, reach in reaches:
             try:
-                return T_base_grasp, self._phases(reach, T_base_grasp, opened, holding, checker)
+                return T_base_grasp, self._phases(reach, T_base_grasp, target, opened, holding, checker)
             except _RefusedError as refused:
                 reasons.append(str(refused))
         raise _RefusedError(_farthest(reasons))
@@ -244,7 +255,7 @@ class _Planner:
         solutions = self.solver.solutions(T_base_mount)
         if not len(solutions):
             reasons.append(NO_IK)
-        for joints in apart(solutions)[:MOST_REACHES]:
+        for joints in apart(solutions, MOST_REACHES):
             if checker.collides(joints):
                 reasons.append(_told(checker.meetings(joints)[0]))
             else:
@@ -265,18 +276,20 @@ class _Planner:
         settings = self.settings
         back = straight_line(self.arm, joints, -FARTHEST_BACK * T_base_grasp[:3, 2])
         back = self._free_part(back, opened, settings.approach, NO_LINE)
-        free, full = self._checker(replace(holding, untested=self._touching(joints, holding))), self._checker(holding)
-        refused = _RefusedError(NO_LIFT)
-        for way in (UP, -T_base_grasp[:3, 2]):
+        lifting, full = self._lifting(joints, holding), self._checker(holding)
+        refused: _RefusedError | None = None
+        for way in lift_ways(self.arm, T_base_grasp):
             lift = straight_line(self.arm, joints, HIGHEST_LIFT * way)
             try:
-                lift = self._free_part(lift, free, settings.lift, NO_LIFT, full)
+                lift = self._free_part(lift, self._checker(lifting), settings.lift, NO_LIFT, full)
                 _check_parting(lift, full)
+                for meeting in pressed(self.arm, self.gripper, self.bodies, holding, lift, lifting.untested):
+                    raise _RefusedError(_told(meeting))
             except _RefusedError as again:
-                refused = again
+                refused = refused or again  # that it cannot be lifted says more than that it cannot be drawn back
             else:
-                return _Reach(joints, back, lift)
-        raise refused
+                return _Reach(joints, back, lift, lifting)
+        raise refused or _RefusedError(NO_LIFT)
 
     def _free_part(
         self,
@@ -298,7 +311,7 @@ class _Planner:
         Raises:
             _RefusedError: there is none.
         """
-        steps = round(least / LINE_STEP)
+        steps = line_steps(least)
         if len(line) <= steps:
             raise _RefusedError(reason)
         met = checker.first_collision(line)
@@ -310,17 +323,25 @@ class _Planner:
                 return line[: last + 1]
         raise _RefusedError(_told(at_end.meetings(line[steps], margin)[0]))
 
-    def _touching(self, joints: Float[np.ndarray, "j"], holding: Load) -> frozenset[Meeting]:
-        """What the carried object meets already where it stands: the support, neighbours that lean on it."""
+    def _lifting(self, joints: Float[np.ndarray, "j"], holding: Load) -> Load:
+        """The load while it is lifted.
+
+        What the object meets already where it stands (the support, neighbours that lean on it) it may touch, and from
+        what it is near to there it need not keep away.
+        """
         if holding.carried is None:
-            return frozenset()
-        meetings = self._checker(holding).meetings(joints)
-        return frozenset(each for each in meetings if each.part == CARRIED)
+            return holding
+
+        def met(load: Load) -> frozenset[Meeting]:
+            return frozenset(each for each in self._checker(load).meetings(joints) if each.part == CARRIED)
+
+        return replace(holding, untested=met(replace(holding, padding=0.0)), unpadded=met(holding))
 
     def _phases(
         self,
         reach: _Reach,
         T_base_grasp: Float[np.ndarray, "4 4"],
+        target: CollisionBody,
         opened: Load,
         holding: Load,
         checker: CollisionChecker,
@@ -330,52 +351,67 @@ class _Planner:
         Raises:
             _RefusedError: one is not possible.
         """
-        settings = self.settings
         carry_checker = self._checker(holding)
-        drops = self._drops(reach.lift[-1], T_base_grasp, holding, carry_checker)
+        drops = self._drops(reach.lift[-1], T_base_grasp, target, holding)
         self.clock.lap("drop-off")
         there = self._way(self.start, reach.back[-1], checker, NO_REACH)
         carry, lowered = self._carry(reach.lift[-1], drops, carry_checker)
-        released = lowered[-1]
-        left = [] if settings.release == "drop" or holding.carried is None else [self._placed(released, holding)]
-        after = replace(opened, absent=holding.absent)
-        leaving = replace(after, untested=frozenset({Meeting(HAND, body.name) for body in left}))
-        after_checker = self._checker(after, left)
-        out = released[None]
-        if settings.release == "place":
-            T_base_released = self.arm.grasp_pose(released, self.gripper)
-            line = straight_line(self.arm, released, -FARTHEST_BACK * T_base_released[:3, 2])
-            out = self._free_part(line, self._checker(leaving, left), settings.approach, NO_LEAVE)
-        home = self._way(out[-1], self.start, after_checker, NO_RETURN)
         self.clock.lap("ways")
-
-        touching = self._touching(reach.joints, holding)
-        target = frozenset() if holding.carried is None else frozenset({Meeting(HAND, holding.carried.name)})
-        target |= frozenset(Meeting(HAND, name) for name in holding.absent)
-        closing = Load(holding.low, opened.high, untested=target)
-        opening = replace(after, low=holding.low, untested=leaving.untested)
+        closing = Load(holding.low, opened.high, untested=frozenset({Meeting(HAND, target.name)}))
         phases = [
             self._moving("reach", there, opened, NO_REACH),
             self._moving("approach", reach.back[::-1], opened, NO_LINE, straight=True),
             self._fingers("close", reach.joints, closing, holding.low),
-            self._moving("lift", reach.lift, replace(holding, untested=touching), NO_LIFT, straight=True),
+            self._moving("lift", reach.lift, reach.lifting, NO_LIFT, straight=True),
             self._moving("carry", carry, holding, NO_CARRY),
         ]
-        if settings.release == "place":
-            phases.append(self._moving("lower", lowered, holding, NO_LOWER, straight=True))
-        phases.append(self._fingers("release", released, opening, opened.high, left))
-        if settings.release == "place":
-            phases.append(self._moving("leave", out, leaving, NO_LEAVE, left, straight=True))
-        phases.append(self._moving("return", home, after, NO_RETURN, left))
+        if self.settings.release == "place":
+            phases.append(self._moving("lower", lowered, replace(holding, padding=0.0), NO_LOWER, straight=True))
         self.clock.lap("trajectories")
-        return tuple(phases)
+        return (*phases, *self._letting_go(lowered[-1], opened.high, holding))
+
+    def _letting_go(self, released: Float[np.ndarray, "j"], opening: float, holding: Load) -> list[Phase]:
+        """The phases from the release on: the hand opens fully, or as it came if it would meet something then.
+
+        Args:
+            released: joint positions at which the object is let go of.
+            opening: between the finger tips before the grasp [m].
+            holding: what the hand holds.
+
+        Raises:
+            _RefusedError: one is not possible with either opening.
+        """
+        placing = self.settings.release == "place"
+        left = [self._placed(released, holding)] if placing and holding.carried is not None else []
+        refused = _RefusedError(NO_RETURN)
+        for wide in dict.fromkeys((self.gripper.max_opening, opening)):
+            after = Load(wide, wide, absent=holding.absent)
+            leaving = replace(after, untested=frozenset({Meeting(HAND, body.name) for body in left}))
+            try:
+                phases = [self._fingers("release", released, replace(leaving, low=holding.low), wide, left)]
+                out = released[None]
+                if placing:
+                    T_base_released = self.arm.grasp_pose(released, self.gripper)
+                    line = straight_line(self.arm, released, -FARTHEST_BACK * T_base_released[:3, 2])
+                    free, clear = self._checker(leaving, left), self._checker(after, left)
+                    out = self._free_part(line, free, self.settings.approach, NO_LEAVE, clear)
+                    phases.append(self._moving("leave", out, leaving, NO_LEAVE, left, straight=True))
+                home = self._way(out[-1], self.start, self._checker(after, left), NO_RETURN)
+                self.clock.lap("ways")
+                phases.append(self._moving("return", home, after, NO_RETURN, left))
+                self.clock.lap("trajectories")
+            except _RefusedError as again:
+                refused = again
+            else:
+                return phases
+        raise refused
 
     def _drops(
         self,
         lifted: Float[np.ndarray, "j"],
         T_base_grasp: Float[np.ndarray, "4 4"],
+        target: CollisionBody,
         holding: Load,
-        checker: CollisionChecker,
     ) -> list[Float[np.ndarray, "_ j"]]:
         """Lines down to joint positions at which the object can be let go of, of one point where it is dropped.
 
@@ -385,32 +421,36 @@ class _Planner:
             _RefusedError: there are none.
         """
         placing = self.settings.release == "place"
+        checker, lowering = self._checker(holding), self._checker(replace(holding, padding=0.0))
         T_grasp_mount = invert_transform(self.arm.T_mount_grasp(self.gripper))
-        outline = self._outline(T_base_grasp, holding)
+        outline = transform_points(invert_transform(T_base_grasp), np.asarray(target.mesh.vertices, float))
+        level = self.arm.description.T_world_base[:3, :3]
         found = []
         for angle in 2 * np.pi * np.arange(DROP_TURNS) / DROP_TURNS:
-            T_turned = make_transform(rotation_z(angle), np.zeros(3)) @ T_base_grasp
-            points = outline @ T_turned[:3, :3].T
+            above = make_transform(level.T @ rotation_z(angle) @ level @ T_base_grasp[:3, :3], np.zeros(3))
+            points = outline @ (level @ above[:3, :3]).T
             lower, upper = points.min(axis=0), points.max(axis=0)
             offset = np.array([*(lower + upper)[:2] / 2, lower[2] - STAND_OFF * placing])
-            T_turned[:3, 3] = self.drop - offset
-            above = T_turned.copy()
-            above[2, 3] += placing * self.settings.lift
+            above[:3, 3] = self.drop - level.T @ offset + placing * self.settings.lift * self.arm.up
             found.append(self.solver.solutions(above @ T_grasp_mount))
         joints = np.concatenate(found)
         if not len(joints):
             raise _RefusedError(NO_DROP)
         order = np.argsort(np.abs(joints - lifted).max(axis=1), kind="stable")
         lines, reasons = [], []
-        for each in apart(joints[order])[:MOST_DROPS]:
+        for each in apart(joints[order], MOST_DROPS):
             line = each[None]
             if checker.collides(each, self.settings.margin):
                 reasons.append(_told(checker.meetings(each, self.settings.margin)[0]))
                 continue
             if placing:
-                line = straight_line(self.arm, each, -self.settings.lift * UP)
-                if len(line) <= round(self.settings.lift / LINE_STEP) or checker.first_collision(line) is not None:
+                line = straight_line(self.arm, each, -self.settings.lift * self.arm.up)
+                if len(line) <= line_steps(self.settings.lift):
                     reasons.append(NO_LOWER)
+                    continue
+                met = lowering.first_collision(line)
+                if met is not None:
+                    reasons.append(_told(lowering.meetings(line[met])[0]))
                     continue
             lines.append(line)
             if len(lines) == MOST_WAYS:
@@ -418,12 +458,6 @@ class _Planner:
         if not lines:
             raise _RefusedError(f"at the drop-off: {_farthest(reasons)}")
         return lines
-
-    def _outline(self, T_base_grasp: Float[np.ndarray, "4 4"], holding: Load) -> Float[np.ndarray, "n 3"]:
-        """Points on the object in the frame of the grasp [m]."""
-        name = next(iter(holding.absent))
-        mesh = next(body.mesh for body in self.bodies if body.name == name)
-        return transform_points(invert_transform(T_base_grasp), np.asarray(mesh.vertices, float))
 
     def _placed(self, released: Float[np.ndarray, "j"], holding: Load) -> CollisionBody:
         """The carried object where it was put down."""
@@ -479,10 +513,9 @@ class _Planner:
         if straight:
             deviations, speed, margin = (LINE_DEVIATION,), settings.line_speed, 0.0
         for deviation in deviations:
-            trajectory = self.timing.along(way, deviation, speed)
-            phase = checked_phase(name, trajectory, load, checker, margin, settings.clearances)
+            phase = checked_phase(name, self.timing.along(way, deviation, speed), load, checker, margin)
             if phase is not None:
-                return replace(phase, extra=tuple(left))
+                return self._measured(replace(phase, extra=tuple(left)))
         raise _RefusedError(reason)
 
     def _fingers(
@@ -495,10 +528,18 @@ class _Planner:
         """
         checker = self._checker(load, left)
         standing = still(joints, (load.high - load.low) / FINGER_SPEED)
-        phase = checked_phase(name, standing, load, checker, 0.0, self.settings.clearances)
+        phase = checked_phase(name, standing, load, checker, 0.0)
         if phase is None:
             raise _RefusedError(_told(checker.meetings(joints)[0]))
-        return replace(phase, opening=end, extra=tuple(left))
+        return self._measured(replace(phase, opening=end, extra=tuple(left)))
+
+    def _measured(self, phase: Phase) -> Phase:
+        """The phase with its clearance, if that is wanted."""
+        if not self.settings.clearances:
+            return phase
+        checker = self._checker(phase.load, phase.extra)
+        clearance, nearest = checker.clearance(phase.trajectory.samples(checker.reaches, CLEARANCE_TRAVEL))
+        return replace(phase, clearance=clearance, nearest=nearest)
 
 
 def _let_go_at(
@@ -524,21 +565,19 @@ def _let_go_at(
 
 
 def checked_phase(
-    name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float, clearances: bool = True
+    name: str, trajectory: Trajectory, load: Load, checker: CollisionChecker, margin: float
 ) -> Phase | None:
-    """The phase of a trajectory that meets nothing; None if it does. Its clearance is the margin if it is not measured.
+    """The phase of a trajectory that keeps the limits of the joints and meets nothing; None if it does not.
 
     Between two of the positions that are tested no point moves farther than twice the margin and `UNSEEN`: whatever is
     met between them is met by less than that.
     """
-    travel = 2.0 * (margin + UNSEEN)
-    samples = trajectory.samples(checker.reaches, travel)
-    if checker.first_collision(samples, margin) is not None:
+    step = 2.0 * (margin + UNSEEN)
+    samples = trajectory.samples(checker.reaches, step)
+    kept = checker.arm.within_limits(samples) and checker.arm.within_limits(trajectory.positions)
+    if not kept or not checker.is_free(samples, margin, step):
         return None
-    clearance, nearest = margin, None
-    if clearances:
-        clearance, nearest = checker.clearance(samples[:: max(1, int(CLEARANCE_TRAVEL / travel))])
-    return Phase(name, trajectory, load.high, load, margin, clearance, nearest)
+    return Phase(name, trajectory, load.high, load, margin)
 
 
 def _check_parting(lift: Float[np.ndarray, "n j"], checker: CollisionChecker) -> None:
@@ -558,12 +597,18 @@ def _farthest(reasons: list[str]) -> str:
     return next((reason for reason in reversed(reasons) if reason != NO_IK), NO_IK)
 
 
-def apart(joints: Float[np.ndarray, "n j"], least: float = 0.3) -> Float[np.ndarray, "m j"]:
-    """Joint positions in their order without those that are near to one before [rad]."""
-    kept: list[Float[np.ndarray, "j"]] = []
-    for each in joints:
-        if all(np.abs(each - other).max() >= least for other in kept):
-            kept.append(each)
+def lift_ways(arm: Arm, T_base_grasp: Float[np.ndarray, "4 4"]) -> list[Float[np.ndarray, "3"]]:
+    """Directions in which an object may be lifted, in the frame of the base: up, and back as the hand came."""
+    back = -T_base_grasp[:3, 2]
+    return [arm.up] if arm.up @ back > SAME_WAY else [arm.up, back]
+
+
+def apart(joints: Float[np.ndarray, "n j"], most: int, least: float = 0.3) -> Float[np.ndarray, "m j"]:
+    """The first joint positions, in their order and so many at most, that are not near to one before [rad]."""
+    kept, left = [], joints
+    while len(left) and len(kept) < most:
+        kept.append(left[0])
+        left = left[np.abs(left - left[0]).max(axis=1) >= least]
     return np.array(kept).reshape(-1, joints.shape[1])
 
 

@@ -28,9 +28,9 @@ class Phase:
         opening: distance between the finger tips that is commanded during this phase [m].
         load: what the hand holds, for collision checks.
         margin: distance from everything that was kept, for certain [m].
-        clearance: least distance of anything that moves to anything that stands around [m]; at most 0.05, and then
-            nothing is near.
-        nearest: between what it is; None if nothing is near.
+        clearance: least distance of anything that moves to anything that stands around [m], at most 0.05, and then
+            nothing is near; None if it was not measured.
+        nearest: between what it is; None if nothing is near or nothing was measured.
         extra: bodies that stand around in this phase beside those of the plan: the object where it was put down.
     """
 
@@ -39,8 +39,8 @@ class Phase:
     opening: float
     load: Load
     margin: float
-    clearance: float
-    nearest: Meeting | None
+    clearance: float | None = None
+    nearest: Meeting | None = None
     extra: tuple[CollisionBody, ...] = ()
 
     @property
@@ -51,11 +51,9 @@ class Phase:
     @property
     def caption(self) -> str:
         """Its name, and how near what comes to what."""
-        return (
-            self.name
-            if self.nearest is None
-            else f"{self.name}, {1e3 * self.clearance:.0f} mm from {self.nearest.body}"
-        )
+        if self.clearance is None or self.nearest is None:
+            return self.name
+        return f"{self.name}, {1e3 * self.clearance:.0f} mm from {self.nearest.body}"
 
 
 @dataclass(frozen=True)

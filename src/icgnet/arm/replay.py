@@ -22,7 +22,7 @@ class Replay:
 
     Attributes:
         positions_kept: whether all joint positions are within their limits.
-        speed: largest share of the allowed speed of any joint.
+        speed: largest share of the allowed speed of any joint, also by differences of positions.
         acceleration: largest share of the allowed acceleration of any joint, also by differences of velocities.
         gap: largest jump of a joint from one phase to the next [rad].
         depth: how deep anything is in something else, at most [m].
@@ -79,10 +79,11 @@ def replay(plan: PickPlan, arm: Arm, step: float = STEP) -> Replay:
     trajectories = [phase.trajectory for phase in plan.phases]
     return Replay(
         positions_kept=kept,
-        speed=max(float(np.abs(each.velocities / arm.velocity).max()) for each in trajectories),
+        speed=max(float(np.abs(each.all_velocities / arm.velocity).max()) for each in trajectories),
         acceleration=max(float(np.abs(each.all_accelerations / arm.acceleration).max()) for each in trajectories),
         gap=max(
-            float(np.abs(first.positions[-1] - second.positions[0]).max()) for first, second in pairwise(trajectories)
+            (float(np.abs(one.positions[-1] - other.positions[0]).max()) for one, other in pairwise(trajectories)),
+            default=0.0,
         ),
         depth=deepest,
         where=where,

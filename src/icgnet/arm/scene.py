@@ -23,6 +23,8 @@ FARTHEST_CLEARANCE = 0.05
 CLEARANCE_STEP = 0.0005
 """As finely as this [m]."""
 
+ROOM = 0.011
+"""About how much room one test asks for, to be true for the positions around it [m]."""
 MOST_CONTACTS = 10_000
 """So many pairs of triangles are looked at to tell how deep two things are in each other."""
 
@@ -48,6 +50,8 @@ class Load:
         T_base_gripped: pose of the grasp frame when that body was gripped.
         untested: what may meet: a part of the arm, `HAND` or `CARRIED`, and the name of a body.
         absent: names of the bodies that are not there.
+        padding: distance that the carried body keeps from everything, beside any margin [m].
+        unpadded: what it need not keep that distance from.
     """
 
     low: float
@@ -56,6 +60,15 @@ class Load:
     T_base_gripped: Float[np.ndarray, "4 4"] | None = None
     untested: frozenset[Meeting] = frozenset()
     absent: frozenset[str] = frozenset()
+    padding: float = 0.0
+    unpadded: frozenset[Meeting] = frozenset()
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The same for loads that are the same."""
+        gripped = None if self.T_base_gripped is None else self.T_base_gripped.tobytes()
+        others = (self.untested, self.absent, self.padding, self.unpadded)
+        return (self.low, self.high, self.carried, gripped, *others)
 
 
 class CollisionChecker:
@@ -88,9 +101,11 @@ class CollisionChecker:
             carried = [self._add(CARRIED, arm.mount_joint, _se3(T_joint_base), load.carried.geometry)]
             points = load.carried.mesh.vertices @ T_joint_base[:3, :3].T + T_joint_base[:3, 3]
             reach = max(reach, float(np.linalg.norm(points, axis=1).max()))
-        self.reaches = np.maximum(arm.reaches, _reaches_to_mount(arm) + reach)
-        """How far anything that moves with the arm can be from the axis of each joint [m]."""
+        of_last = np.append(np.zeros(len(arm.joint_names) - 1), reach)
+        self.reaches = np.maximum(arm.reaches, arm.farthest(of_last))
+        """How much farther than each joint anything that moves with the arm moves, at most; see `Arm.farthest`."""
 
+        self._paddings: list[float] = []
         moving = [link for link in links if arm.link_shapes[link].joint > 0]
         gone = load.absent | ({load.carried.name} if load.carried is not None else set())
         for body in bodies:
@@ -98,53 +113,73 @@ class CollisionChecker:
                 continue
             other = self._add(body.name, 0, pin.SE3.Identity(), body.geometry)
             for part in (*moving, *hand, *carried):
-                if Meeting(self._names[part], body.name) not in load.untested:
-                    self._pair(part, other)
-        outer = len(self._shapes.collisionPairs)
+                meeting = Meeting(self._names[part], body.name)
+                if meeting not in load.untested:
+                    padded = part in carried and meeting not in load.unpadded
+                    self._pair(part, other, load.padding if padded else 0.0)
+        self._outer = len(self._paddings)
         for first, second in arm.link_pairs:
             self._pair(first, second)
-        parents = list(arm.model.parents)
-        near = {arm.mount_joint, parents[arm.mount_joint]}
-        for part in (*hand, *carried):
-            for link in links:
-                if arm.link_shapes[link].joint not in near:
+        # A hand does not meet the link before its own, but what it carries may.
+        held, before = arm.mount_joint, list(arm.model.parents)[arm.mount_joint]
+        for link in links:
+            for part in (*hand, *carried):
+                if arm.link_shapes[link].joint not in ({held, before} if part in hand else {held}):
                     self._pair(part, link)
-        self._outer = outer
         self._results = self._shapes.createData()
         self._requests = self._results.collisionRequests
         self._tree = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(arm.model, self._shapes, self._results)
-        self._margin = 0.0
+        self._margins = (float("nan"), float("nan"), 0.0)
+        self._set_margins(0.0)
 
     def _add(self, name: str, joint: int, placement: "pin.SE3", geometry: object) -> int:
         self._names.append(name)
         shape = pin.GeometryObject(f"{name} {len(self._names)}", joint, 0, placement, geometry)
         return self._shapes.addGeometryObject(shape)
 
-    def _pair(self, first: int, second: int) -> None:
+    def _pair(self, first: int, second: int, padding: float = 0.0) -> None:
         self._shapes.addCollisionPair(pin.CollisionPair(first, second))
+        self._paddings.append(padding)
 
     def collides(self, joints: Float[np.ndarray, "j"], margin: float = 0.0) -> bool:
         """Whether anything meets at these joint positions.
 
         Args:
             joints: [rad].
-            margin: what stands around is met from this distance on [m]; the arm itself on touch.
+            margin: everything is met from this distance on [m], the arm by itself as well.
         """
-        self._set_margin(margin)
-        return bool(pin.computeCollisions(self.arm.model, self.arm.data, self._tree, joints, True))
+        self._set_margins(margin)
+        return self._meets(joints)
 
     def first_collision(self, path: Float[np.ndarray, "n j"], margin: float = 0.0) -> int | None:
         """Index of the first of several joint positions at which anything meets; None if nothing does."""
-        self._set_margin(margin)
-        model, data, tree = self.arm.model, self.arm.data, self._tree
-        for index, joints in enumerate(path):
-            if pin.computeCollisions(model, data, tree, joints, True):
-                return index
-        return None
+        self._set_margins(margin)
+        return next((index for index, joints in enumerate(path) if self._meets(joints)), None)
+
+    def is_free(self, path: Float[np.ndarray, "n j"], margin: float, step: float) -> bool:
+        """Whether nothing meets at any of several joint positions.
+
+        Where the middle one of several has more room than anything moves from it to the others, those are not tested.
+
+        Args:
+            path: joint positions [rad].
+            margin: as in `collides` [m].
+            step: no point moves farther than this from one position to the next [m].
+        """
+        reach = max(1, int(ROOM / step))
+        blocks = [path[first : first + 2 * reach + 1] for first in range(0, len(path), 2 * reach + 1)]
+        doubtful = [block for block in blocks if self.collides(block[len(block) // 2], margin + reach * step)]
+        return all(self.first_collision(block, margin) is None for block in doubtful)
 
     def meetings(self, joints: Float[np.ndarray, "j"], margin: float = 0.0) -> tuple[Meeting, ...]:
         """Everything that meets at these joint positions, each pair of names once."""
-        self._set_margin(margin)
+        self._set_margins(margin)
+        return self._met(joints)
+
+    def _meets(self, joints: Float[np.ndarray, "j"]) -> bool:
+        return bool(pin.computeCollisions(self.arm.model, self.arm.data, self._tree, joints, True))
+
+    def _met(self, joints: Float[np.ndarray, "j"]) -> tuple[Meeting, ...]:
         pin.computeCollisions(self.arm.model, self.arm.data, self._shapes, self._results, joints, False)
         found = {}
         for pair, result in zip(self._shapes.collisionPairs, self._results.collisionResults, strict=True):
@@ -157,7 +192,7 @@ class CollisionChecker:
 
         The depth is that of the deepest triangle of a mesh in the convex part of the arm that it meets.
         """
-        self._set_margin(0.0)
+        self._set_margins(0.0)
         pin.computeCollisions(self.arm.model, self.arm.data, self._shapes, self._results, joints, False)
         request = coal.CollisionRequest(coal.CONTACT, MOST_CONTACTS)
         deepest, meeting = 0.0, None
@@ -185,30 +220,32 @@ class CollisionChecker:
         near, nearest = FARTHEST_CLEARANCE, None
         # The ends of a phase are where things are near; then each position need only be tested for being nearer.
         for joints in (path[-1], path[0], *path[1:-1]):
-            if not self.collides(joints, near):
+            if not self._is_near(joints, near):
                 continue
             clear, nearest = 0.0, joints
             while near - clear > CLEARANCE_STEP:
                 middle = (clear + near) / 2
-                clear, near = (clear, middle) if self.collides(joints, middle) else (middle, near)
+                clear, near = (clear, middle) if self._is_near(joints, middle) else (middle, near)
             near = clear
             if near == 0.0:
                 break
         if nearest is None:
             return FARTHEST_CLEARANCE, None
-        return near, self.meetings(nearest, near + CLEARANCE_STEP)[0]
+        self._set_margins(near + CLEARANCE_STEP, 0.0, 0.0)
+        return near, self._met(nearest)[0]
 
-    def _set_margin(self, margin: float) -> None:
-        if margin != self._margin:
-            for index in range(self._outer):
-                self._requests[index].security_margin = margin
-            self._margin = margin
+    def _is_near(self, joints: Float[np.ndarray, "j"], distance: float) -> bool:
+        """Whether anything that moves is nearer to anything that stands around than a distance [m]."""
+        self._set_margins(distance, 0.0, 0.0)
+        return self._meets(joints)
 
-
-def _reaches_to_mount(arm: Arm) -> Float[np.ndarray, "j"]:
-    """How far the last joint can be from the axis of each [m], at most."""
-    lengths = [float(np.linalg.norm(placement.translation)) for placement in list(arm.model.jointPlacements)[1:]]
-    return np.array([sum(lengths[i + 1 :]) for i in range(len(lengths))])
+    def _set_margins(self, margin: float, own: float | None = None, share: float = 1.0) -> None:
+        """Distances from which on things meet: those that stand around, the arm by itself, and how much of paddings."""
+        margins = (margin, margin if own is None else own, share)
+        if margins != self._margins:
+            for index, padding in enumerate(self._paddings):
+                self._requests[index].security_margin = margins[index >= self._outer] + share * padding
+            self._margins = margins
 
 
 def hand_boxes(gripper: Gripper, low: float, high: float) -> tuple[Box, ...]:

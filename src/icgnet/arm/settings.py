@@ -28,6 +28,9 @@ class PickSettings:
     """Whether the predicted shape of the carried object must meet nothing."""
     margin: float = 0.005
     """Distance from everything on the ways between straight lines [m]."""
+    carried_margin: float = 0.004
+    """The carried object keeps so much more from everything, from the lift on [m]: its shape is not known exactly, and
+    it turns a little in the hand. What is nearer where it stands, it need only leave."""
     approach: float = 0.06
     """The hand comes in straight over at least this distance [m]."""
     lift: float = 0.10
@@ -38,8 +41,8 @@ class PickSettings:
     """The same on straight lines."""
     most_grasps: int = 100
     """So many grasps are tried at most."""
-    clearances: bool = True
-    """Measure how near anything comes to anything, which decides nothing and takes most of the time."""
+    clearances: bool = False
+    """Measure how near anything comes to anything in each phase, which decides nothing and takes most of the time."""
     budget_ms: float | None = None
     """Once planning took longer, no further grasp is tried [ms]; the first one always is. None for no limit."""
     seed: int = 0
@@ -48,6 +51,7 @@ class PickSettings:
     def __post_init__(self) -> None:
         check_choices(self)
         check_range(self, 0.001, "margin", most=0.05)
+        check_range(self, 0.0, "carried_margin", most=0.02)
         check_range(self, 0.0, "drop_above", most=HIGHEST_FALL)
         if self.drop_above is not None and self.release == "place":
             raise InputError("drop_above is for release drop: below the support nothing can be placed")

@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -43,6 +44,12 @@ class Trajectory:
         return float(self.times[-1])
 
     @property
+    def all_velocities(self) -> Float[np.ndarray, "_ j"]:
+        """The velocities at all points, and those that the positions between them mean [rad/s]."""
+        between = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
+        return np.concatenate([self.velocities, between])
+
+    @property
     def all_accelerations(self) -> Float[np.ndarray, "_ j"]:
         """The accelerations at all points, and those that the velocities between them mean [rad/s^2]."""
         between = np.diff(self.velocities, axis=0) / np.diff(self.times)[:, None]
@@ -81,6 +88,12 @@ def still(joints: Float[np.ndarray, "j"], duration: float) -> Trajectory:
     """A trajectory that stays where it is."""
     positions = np.stack([joints, joints])
     return Trajectory(np.array([0.0, duration]), positions, np.zeros_like(positions), np.zeros_like(positions))
+
+
+@lru_cache(maxsize=8)
+def timing_of(arm: Arm) -> "Timing":
+    """What makes trajectories for an arm, made once for each."""
+    return Timing(arm)
 
 
 class Timing:
@@ -139,7 +152,7 @@ class Timing:
 
     def _excess(self, trajectory: Trajectory) -> float:
         """By how much a trajectory must be slowed down to keep the limits at all of its points; 1 if not at all."""
-        fast = np.abs(trajectory.velocities / self.arm.velocity).max()
+        fast = np.abs(trajectory.all_velocities / self.arm.velocity).max()
         sharp = np.abs(trajectory.all_accelerations / self.arm.acceleration).max()
         return max(1.0, float(fast), float(np.sqrt(sharp)))
 

@@ -5,6 +5,7 @@ row. Published rows are cells already, in `published.yaml`; what is said about t
 """
 
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -46,6 +47,7 @@ def compare(reports: Sequence[StoredReport]) -> str:
         "segmentation": (_instances,),
         "latency": (_times,),
         "captures": (_captures,),
+        "workcell": (_arms,),
     }
     of = {kind: [report for report in reports if report.kind == kind] for kind in writers}
     if not any(of.values()):
@@ -143,6 +145,13 @@ def _captures(reports: Sequence[StoredReport]) -> str:
     return _section("Real frames", _table(labels, _SOURCE | OVERLAP, rows, PUBLISHED["captures"]))
 
 
+def _arms(reports: Sequence[StoredReport]) -> str:
+    rows = [[report] for report in _in_order(reports, _arm_rules, _method, _arm_rounds, _scene)]
+    values = {"picks": _count("attempts"), **PICKS, "failures": lambda row: causes_told(_causes(row[0])) or NOTHING}
+    labels = {"method": _method, "protocol": _arm_rules, "scenes": _arm_rounds, "kind": _scene}
+    return _section("A whole arm", _table(labels, _SOURCE | values, rows, PUBLISHED["arms"]))
+
+
 def _table(
     labels: Mapping[str, Label],
     values: Mapping[str, Value],
@@ -163,7 +172,11 @@ def _table(
 
 def _marks(row: Row) -> list[str]:
     commits = {commit for report in row for commit in report.commits}
-    counted = {"clutter": "rounds", **dict.fromkeys(("target", "reconstruction", "segmentation"), "scenes")}
+    counted = {
+        "clutter": "rounds",
+        "workcell": "rounds",
+        **dict.fromkeys(("target", "reconstruction", "segmentation"), "scenes"),
+    }
     found = {
         UNCOMMITTED: any(commit is None or commit.endswith("-dirty") for commit in commits),
         FEW: any(each.kind in counted and each.count(counted[each.kind]) < MANY_ROUNDS for each in row),
@@ -247,6 +260,24 @@ def _objects(report: StoredReport) -> str:
     return f"{report.text('settings', 'split')} objects of {Path(objects).name or objects}"
 
 
+def _arm_rules(report: StoredReport) -> str:
+    """What the arm did, and what it and its camera were told and not told."""
+    settings = report.settings
+    told = [
+        f"{'fetching one object' if settings.get('fetch') else 'clearing'} with {report.text('settings', 'arm')}",
+        f"noise {report.text('settings', 'noise')}",
+        f"hand-eye error {'on' if report.value('settings', 'hand_eye_error') else 'off'}",
+        f"obstacles {report.text('settings', 'obstacles')}",
+        f"carried shape {'checked' if report.value('settings', 'attached_check') else 'not checked'}",
+    ]
+    return ", ".join(told)
+
+
+def _arm_rounds(report: StoredReport) -> str:
+    pool, count, seed = (report.count("settings", name) for name in ("pool", "rounds", "seed"))
+    return f"{pool} {_objects(report)}, {count} rounds, seed {seed}"
+
+
 def _scene(report: StoredReport) -> str:
     return report.text("settings", "scene")
 
@@ -292,6 +323,16 @@ def _count(*keys: str) -> Value:
     return lambda row: str(row[0].count(*keys))
 
 
+def _seconds(*keys: str) -> Value:
+    """A column of times [s]."""
+
+    def told(row: Row) -> str:
+        value = row[0].number(*keys)
+        return NOTHING if math.isnan(value) else f"{value:.2f}"
+
+    return told
+
+
 def _beside(columns: Mapping[str, Value], scenes: Sequence[str] = CUBE_KINDS) -> dict[str, Value]:
     """The columns of packed scenes, then those of piles, or of others; a row may lack a report of one of them."""
 
@@ -329,6 +370,14 @@ SCORES = {
     "panoptic quality, any class, %": _number(".1f", "scores", "pq"),
     "panoptic quality, right class, %": _number(".1f", "scores", "class_pq"),
     "class accuracy of matches, %": _number(".1f", "scores", "class_accuracy"),
+}
+PICKS = {
+    "GSR": _number(".1f", "gsr"),
+    "DR": _number(".1f", "dr"),
+    "carried objects that hit something, %": _number(".1f", "hits"),
+    "plan, median, s": _seconds("plan_median"),
+    "plan, 95 %, s": _seconds("plan_p95"),
+    "motion of a pick, s": _seconds("cycle"),
 }
 OVERLAP = {
     "P": _number(".1f", "precision"),

@@ -7,4 +7,4 @@ from typing import Any
 import yaml
 
 PUBLISHED: Mapping[str, Any] = yaml.safe_load((Path(__file__).parent / "published.yaml").read_text(encoding="utf-8"))
-"""Under rates, targets, shapes, times and captures: cells in the order of the columns of the benchmark's page."""
+"""Under rates, targets, shapes, times, captures and arms: cells in the order of the columns of the benchmark's page."""

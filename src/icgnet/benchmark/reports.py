@@ -109,10 +109,10 @@ class StoredReport:
         """A dataclass of numbers, nan for one that is not defined; None if none of them is."""
         if self.value(*keys) is None:
             return None
-        found = {field.name: self._number(*keys, field.name) for field in fields(kind)}
+        found = {field.name: self.number(*keys, field.name) for field in fields(kind)}
         return None if all(map(math.isnan, found.values())) else kind(**found)
 
-    def _number(self, *keys: str) -> float:
+    def number(self, *keys: str) -> float:
         """A number, nan for one that is not defined."""
         value = self._checked(keys, "a number", lambda value: value is None or _is_number(value))
         return math.nan if value is None else float(value)

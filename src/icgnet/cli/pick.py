@@ -18,7 +18,7 @@ from icgnet.output_folder import check_replaceable, output_folder
 if TYPE_CHECKING:
     from icgnet.arm.arm import Arm
     from icgnet.arm.hand_eye import HandEye
-    from icgnet.arm.plan import PickPlan
+    from icgnet.arm.plan import Phase, PickPlan
     from icgnet.inference.prediction import Prediction
 
 PICTURE_FILE = "picture.png"
@@ -159,24 +159,26 @@ def print_plan(plan: "PickPlan", prediction: "Prediction", console: Console) -> 
         print_notice(warning)
     if plan.instance is not None:
         name = prediction.class_of(plan.instance)
-        columns = ("phase", "time [s]", "fingers [mm]", "least clearance", "nearest")
+        measured = any(phase.clearance is not None for phase in plan.phases)
+        columns = ("phase", "time [s]", "fingers [mm]", *(("least clearance", "nearest") if measured else ()))
         table = Table(*columns, title=f"object {plan.instance}, {name}")
         for phase in plan.phases:
-            near = phase.nearest
-            clear = f"{1e3 * phase.clearance:.1f} mm" if near else f"over {1e3 * phase.clearance:.0f} mm"
-            table.add_row(
-                phase.name,
-                f"{phase.trajectory.duration:.2f}",
-                f"{1e3 * phase.opening:.0f}",
-                clear,
-                f"{near.part}, {near.body}" if near else "",
-            )
-        table.add_row("all", f"{plan.duration:.2f}", "", "", "")
+            row = (phase.name, f"{phase.trajectory.duration:.2f}", f"{1e3 * phase.opening:.0f}")
+            table.add_row(*row, *(_clearance(phase) if measured else ()))
+        table.add_row("all", f"{plan.duration:.2f}")
         console.print(table)
     refused = ", ".join(f"{count} {reason}" for reason, count in plan.refused.items())
     console.print(f"refused grasps: {refused or 'none'}", soft_wrap=True, markup=False)
     timings = ", ".join(f"{stage} {duration:.0f}" for stage, duration in plan.timings_ms.items())
     console.print(f"time of planning [ms]: {timings}", soft_wrap=True, markup=False)
+
+
+def _clearance(phase: "Phase") -> tuple[str, str]:
+    """How near anything comes in a phase, and what to what."""
+    near, clearance = phase.nearest, phase.clearance or 0.0
+    if near is None:
+        return f"over {1e3 * clearance:.0f} mm", ""
+    return f"{1e3 * clearance:.1f} mm", f"{near.part}, {near.body}"
 
 
 def _why_not(plan: "PickPlan", grasps: int) -> str:

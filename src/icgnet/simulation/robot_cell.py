@@ -31,6 +31,8 @@ TIMESTEP = 0.002
 NO_TARGET = -1
 LONGEST_OPENING = 0.3
 """Time that the fingers have at most to get to an opening, where the plan gives less [s]."""
+EMPTY_OPENING = 0.002
+"""Fingers that have closed to less than this hold nothing [m]: a real gripper tells how far it is open, too."""
 HELD_STEPS = 5
 """Both fingers must touch the target in one of so many steps; contacts may be missing for a moment."""
 HIT_FORCE, HIT_DEPTH = 1.0, 0.001
@@ -229,9 +231,10 @@ class RobotCell:
         return watch.seconds
 
     def pick(self, commands: Sequence[Command], target: int) -> Carried:
-        """Carries out the phases of a pick, one after the other, whatever happens.
+        """Carries out the phases of a pick, one after the other.
 
-        Should the simulation become unstable, the pick has failed, and everything is as it was before it.
+        A hand that has closed on nothing goes back as it came, closed, and the pick is over. Should the simulation
+        become unstable, the pick has failed, and everything is as it was before it.
 
         Args:
             commands: of the phases, among them close, lift, carry and release.
@@ -240,10 +243,13 @@ class RobotCell:
         world, before = self._world, self.remaining
         snapshot, centres = world.snapshot(), world.centres_of_mass()
         watch = _Watch(self, target)
-        for command in commands:
+        for number, command in enumerate(commands):
             watch.begin(command.name)
             self._run(command, watch)
             watch.end_of(command.name)
+            if command.name == "close" and world.hand.opening() < EMPTY_OPENING:
+                self._go_back(commands[:number], watch)
+                break
         if world.is_unstable():
             world.restore(snapshot)
             return watch.outcome(PickCause.UNSTABLE, (), (), ())
@@ -278,6 +284,13 @@ class RobotCell:
         elif command.name == "release":
             for _ in range(steps_in(LONGEST_OPENING, world.physics)):
                 self._step(watch)
+
+    def _go_back(self, done: Sequence[Command], watch: "_Watch") -> None:
+        """Follows phases backwards from the end of the last one, the fingers closed."""
+        watch.begin("back")
+        for command in reversed(done):
+            times = command.times[-1] - command.times[::-1]
+            self._run(Command("back", times, command.joints[::-1], None), watch)
 
     def _step(self, watch: "_Watch") -> None:
         hand = self._world.hand
@@ -351,9 +364,11 @@ class _Watch:
                 self.force, self.depth = max(self.force, force), max(self.depth, depth)
 
     def begin(self, phase: str) -> None:
-        """From the release on, the object falls where it shall."""
+        """From the release on, the object falls where it shall; a hand that goes back carries nothing."""
         if phase == "release":
             self._phase = "after"
+        elif phase == "back":
+            self._phase = phase
 
     def end_of(self, phase: str) -> None:
         """Asks, where it matters, whether the target is still held, and goes on to the next phase."""

@@ -11,7 +11,7 @@ from icgnet.arm.motion import Motion, MovingPart
 from icgnet.geometry.transforms import matrix_to_quaternion, transform_points
 from icgnet.viewer.motion_scene import part_colour, support_height
 from icgnet.viewer.palette import to_bytes
-from icgnet.viewer.view import framing_view
+from icgnet.viewer.served import ServedPage, serve
 
 FRAME_TIME = 0.04
 """While it plays, the page is told so often where everything is [s]."""
@@ -34,10 +34,10 @@ def open_pick_viewer(source: str | Path | Motion, port: int = 8080, host: str = 
         DataError: the file is not a saved motion.
     """
     motion = source if isinstance(source, Motion) else Motion.load(Path(source))
-    return PickViewer(motion, viser.ViserServer(host=host, port=port, label="icgnet", verbose=False))
+    return PickViewer(motion, serve(port, host))
 
 
-class PickViewer:
+class PickViewer(ServedPage):
     """A page on which a pick plays, in the world (z up).
 
     Attributes:
@@ -47,7 +47,8 @@ class PickViewer:
     """
 
     def __init__(self, motion: Motion, server: viser.ViserServer) -> None:
-        self.server, self.motion = server, motion
+        super().__init__(server)
+        self.motion = motion
         self._set_up_page()
         self.parts = {
             number: self._add(part, number) for number, part in enumerate(motion.parts) if part.kind != "support"
@@ -66,12 +67,6 @@ class PickViewer:
         self._show()
         self._thread = threading.Thread(target=self._run, daemon=True, name="pick viewer")
         self._thread.start()
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        host = self.server.get_host()
-        return f"http://{'localhost' if host == '0.0.0.0' else host}:{self.server.get_port()}"
 
     @property
     def time(self) -> float:
@@ -99,19 +94,14 @@ class PickViewer:
         self._playing.clear()
         self._button.label = PLAY
 
-    def wait(self) -> None:
-        """Blocks until the process is interrupted."""
-        self.server.sleep_forever()
-
     def stop(self) -> None:
-        """Closes the page and frees the port."""
+        """See `ServedPage`."""
         self._closed.set()
         self._playing.set()  # wakes the thread up
         self._thread.join()
-        self.server.stop()
+        super().stop()
 
     def _set_up_page(self) -> None:
-        server, height = self.server, support_height(self.motion)
         points = np.concatenate(
             [
                 transform_points(pose, np.asarray(part.mesh.vertices, float))
@@ -120,11 +110,8 @@ class PickViewer:
                 for pose in part.poses[:: max(1, len(part.poses) // 20)]
             ]
         )
-        middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        view = framing_view(points, VIEW_AZIMUTH, VIEW_ELEVATION, (3, 4))
-        server.scene.set_up_direction("+z")
-        server.scene.configure_default_lights(cast_shadow=False)
-        server.scene.add_grid(
+        middle = self.look_at(points, VIEW_AZIMUTH, VIEW_ELEVATION, (3, 4))
+        self.server.scene.add_grid(
             "/support",
             width=GRID,
             height=GRID,
@@ -132,13 +119,8 @@ class PickViewer:
             section_size=0.5,
             cell_color=(226, 228, 232),
             section_color=(206, 209, 214),
-            position=(float(middle[0]), float(middle[1]), height),
+            position=(float(middle[0]), float(middle[1]), support_height(self.motion)),
         )
-        server.initial_camera.position = tuple(view.T_world_camera[:3, 3])
-        server.initial_camera.fov = 2.0 * float(np.arctan(0.5 / view.focal_length))
-        server.initial_camera.look_at = tuple(middle)
-        server.initial_camera.up = (0.0, 0.0, 1.0)
-        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
 
     def _add(self, part: MovingPart, number: int) -> viser.MeshHandle:
         return self.server.scene.add_mesh_simple(

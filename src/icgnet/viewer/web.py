@@ -14,7 +14,7 @@ from icgnet.viewer.page.grasps import GraspPanel, RejectedPanel
 from icgnet.viewer.page.objects import ObjectPanel
 from icgnet.viewer.page.surroundings import SurroundingsPanel
 from icgnet.viewer.page.words import header
-from icgnet.viewer.view import framing_view
+from icgnet.viewer.served import ServedPage, serve
 
 FRAMED_POINTS = 100_000
 VIEW_AZIMUTH, VIEW_ELEVATION = np.deg2rad(-60.0), np.deg2rad(40.0)
@@ -32,10 +32,10 @@ def open_viewer(source: str | Path | Prediction, port: int = 8080, host: str = "
         DataError: the folder is not a saved prediction.
     """
     prediction = source if isinstance(source, Prediction) else Prediction.load(source)
-    return WebViewer(prediction, viser.ViserServer(host=host, port=port, label="icgnet", verbose=False))
+    return WebViewer(prediction, serve(port, host))
 
 
-class WebViewer:
+class WebViewer(ServedPage):
     """A page with the clouds, shapes and hands of a prediction, all in its table frame (z up).
 
     Each panel adds its controls and its part of the scene, and shows what they ask for in `update`. To add one, make it
@@ -51,7 +51,7 @@ class WebViewer:
     """
 
     def __init__(self, prediction: Prediction, server: viser.ViserServer) -> None:
-        self.server = server
+        super().__init__(server)
         self.T_table_frame = invert_transform(prediction.T_frame_table)
         self._lock = threading.RLock()
         self._set_up_page(prediction)
@@ -63,20 +63,6 @@ class WebViewer:
         self.objects.add_switches()
         self.update()
 
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        host = self.server.get_host()
-        return f"http://{'localhost' if host == '0.0.0.0' else host}:{self.server.get_port()}"
-
-    def wait(self) -> None:
-        """Blocks until the process is interrupted."""
-        self.server.sleep_forever()
-
-    def stop(self) -> None:
-        """Closes the page and frees the port."""
-        self.server.stop()
-
     def update(self) -> None:
         """Shows what the controls ask for."""
         with self._lock, self.server.atomic():
@@ -87,16 +73,9 @@ class WebViewer:
             self.surroundings.update()
 
     def _set_up_page(self, prediction: Prediction) -> None:
-        server, (points, _) = self.server, points_on_table(prediction, FRAMED_POINTS)
+        points, _ = points_on_table(prediction, FRAMED_POINTS)
         if not len(points):
             points = np.array([[0.0, 0.0, TABLE_HEIGHT], [0.3, 0.3, 0.2]])
-        view = framing_view(points, VIEW_AZIMUTH, VIEW_ELEVATION, (1, 1))
-        server.scene.set_up_direction("+z")
-        server.scene.configure_default_lights(cast_shadow=False)
-        server.initial_camera.position = tuple(view.T_world_camera[:3, 3])
-        server.initial_camera.fov = 2.0 * float(np.arctan(0.5 / view.focal_length))
-        server.initial_camera.look_at = tuple((points.min(axis=0) + points.max(axis=0)) / 2)
-        server.initial_camera.up = (0.0, 0.0, 1.0)
-        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
-        server.gui.main_panel.dock_right()
-        server.gui.add_html(header(prediction))
+        self.look_at(points, VIEW_AZIMUTH, VIEW_ELEVATION, (1, 1))
+        self.server.gui.main_panel.dock_right()
+        self.server.gui.add_html(header(prediction))

@@ -22,7 +22,7 @@ from icgnet.benchmark.config import NOTHING_FOUND, WorkcellConfig
 from icgnet.benchmark.planners.oracle import held_grasps
 from icgnet.benchmark.target import occlusions
 from icgnet.benchmark.workcell.eyes import TRIED, Eyes, Look, instance_under, open_eyes, take_look, true_object
-from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, command_of, misplaced
+from icgnet.benchmark.workcell.station import BOX, CAMERA, Station, command_of, misplaced, standing_arm
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import invert_transform
 from icgnet.grasping.gripper import Gripper
@@ -198,7 +198,7 @@ def tools_of(config: WorkcellConfig, gripper: Gripper) -> tuple[Arm, Eyes]:
         IcgnetError: an arm or weights that cannot be used.
     """
     if config not in _tools:
-        _tools[config] = Arm.load(config.arm), open_eyes(config, gripper)
+        _tools[config] = standing_arm(config.arm), open_eyes(config, gripper)
     return _tools[config]
 
 
@@ -246,7 +246,7 @@ class _Game:
         config = job.config
         believed = misplaced(self.station.T_mount_camera, job.stream(number, HAND_EYE))
         self.T_mount_believed = believed if config.hand_eye_error else self.station.T_mount_camera
-        self.settings = PickSettings(obstacles=config.obstacles, check_carried=config.attached_check, clearances=False)
+        self.settings = PickSettings(obstacles=config.obstacles, check_carried=config.attached_check)
         self.fixtures = (self.station.box, *(self.station.walls if eyes.knows_walls else ()))
         self.target = self._draw_target() if strategy != "clear" else NO_TARGET
         self.names = [placed.name for placed in self.scene.objects]
@@ -379,7 +379,8 @@ class _Game:
         self.in_box |= set(carried.removed)
         grasps = prediction.of_instance(plan.instance).grasps
         poses = self.station.T_base_world @ grasps.poses
-        nearest = int(np.abs(poses[:, :3, 3] - plan.T_base_grasp[:3, 3]).sum(axis=1).argmin())
+        # Turned by half a turn about its approach it is the same grasp.
+        nearest = int(np.abs(poses[:, :3, 2:] - plan.T_base_grasp[:3, 2:]).sum(axis=(1, 2)).argmin())
         return self._attempt(sight, plan, carried, target, owner, float(grasps.scores[nearest]), played)
 
     def _attempt(

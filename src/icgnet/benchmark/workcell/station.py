@@ -1,6 +1,6 @@
 """Where things are in the workcell: arm, camera on its wrist, places to look from, drop-off box."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import SUPPORT, CollisionBody
+from icgnet.arm.description import read_description
 from icgnet.arm.kinematics import make_solver
 from icgnet.arm.move import plan_move
 from icgnet.arm.plan import Phase
@@ -56,7 +57,7 @@ class Station:
     """An arm with its hand in the workcell.
 
     Attributes:
-        arm: the arm.
+        arm: the arm, standing where `standing_arm` puts it.
         gripper: its hand.
         surroundings: of the scene.
     """
@@ -65,10 +66,10 @@ class Station:
     gripper: Gripper
     surroundings: Surroundings
 
-    @cached_property
+    @property
     def T_world_base(self) -> Float[np.ndarray, "4 4"]:
         """Where the arm stands."""
-        return make_transform(np.eye(3), np.array(BASE))
+        return self.arm.description.T_world_base
 
     @property
     def T_base_world(self) -> Float[np.ndarray, "4 4"]:
@@ -161,6 +162,15 @@ class Station:
     def move(self, start: Float[np.ndarray, "j"], goal: Float[np.ndarray, "j"]) -> Phase | None:
         """A movement from one place to look from to another; None if none was found."""
         return plan_move(self.arm, self.gripper, start, goal, self.unseen)
+
+
+def standing_arm(source: str) -> Arm:
+    """The arm of a name or file, upright in its place in the workcell, wherever it stands by its file.
+
+    Raises:
+        DataError: see `Arm`.
+    """
+    return Arm(replace(read_description(source), T_world_base=make_transform(np.eye(3), np.array(BASE))))
 
 
 def command_of(phase: Phase, step: float) -> Command:
