@@ -193,6 +193,26 @@ def test_a_grasp_through_the_table_is_rejected(shapes, tabletop):
     assert rejected.total()["table"] == 1
 
 
+def test_the_hand_is_opened_wider_than_predicted_where_nothing_is_in_the_way(tabletop):
+    gripper, grasp = load_gripper(), from_above(0, np.array([0.0, -1.0, 0.0]))
+    tabletop = replace(tabletop, above=tabletop.above[:0])
+    opening, spare = 0.05, GraspSearch().spare_opening
+    grasp = replace(grasp, openings=np.array([opening]))
+    assert 0.0 < spare <= gripper.max_opening - opening
+    tip = gripper.boxes(opening)[-1]
+    outside = abs(tip.centre[1]) + tip.size[1] / 2
+
+    def walls(points: np.ndarray) -> np.ndarray:
+        low = points[:, 2] < grasp.poses[0, 2, 3] + 0.005  # beside the finger tips, below the palm
+        return 1.0 * (low & (np.abs(points[:, 1] - grasp.poses[0, 1, 3]) > outside + 0.001))
+
+    for occupancy, wanted in ((lambda points: np.zeros(len(points)), opening + spare), (walls, opening)):
+        free, _ = keep_free(grasp, occupancy, 1, tabletop, gripper, GraspSearch())
+        np.testing.assert_allclose(free.openings, wanted)
+    free, _ = keep_free(grasp, occupancy, 1, tabletop, gripper, GraspSearch(spare_opening=0.0))
+    np.testing.assert_allclose(free.openings, opening)
+
+
 def test_checking_stops_when_every_object_has_enough_and_the_rest_is_counted(shapes, tabletop):
     free_one = from_above(0, np.array([0.0, -1.0, 0.0]))
     many = Grasps.concatenate([free_one] * 120)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from icgnet.geometry.clouds import estimate_normals, voxel_downsample
 from icgnet.geometry.workspace import TABLE_HEIGHT, above_table
-from icgnet.grasping.collision import POINT_SPACING, Reason, check_collisions, draw_back
+from icgnet.grasping.collision import POINT_SPACING, Occupancy, Reason, check_collisions, draw_back
 from icgnet.grasping.frame import APPROACH_ANGLES, grasp_poses
 from icgnet.grasping.grasps import Grasps
 from icgnet.grasping.gripper import Gripper
@@ -232,7 +232,7 @@ def _grasps_at(
 
 def keep_free(
     grasps: Grasps,
-    occupancy: SceneOccupancy,
+    occupancy: Occupancy,
     objects: int,
     tabletop: Tabletop,
     gripper: Gripper,

@@ -30,7 +30,7 @@ class GraspSearch:
     """Whether the object's width comes from the network or from a ray through the predicted shape."""
     opening: Literal["predicted", "full"] = "predicted"
     """How far the hand is open on its way: as far as the object's width needs, or fully."""
-    spare_opening: float = 0.0
+    spare_opening: float = 0.02
     """So much farther the hand is opened than the predicted width needs, where that touches nothing [m]."""
     resample: bool = True
     """Score points of the predicted surfaces, too: of all objects when the seen points give too few good grasps, else
