@@ -122,7 +122,9 @@ def test_grasps_come_best_first_fit_the_hand_and_stay_above_the_table(in_world):
     grasps, gripper = in_world.grasps, load_gripper()
     assert (np.diff(grasps.scores) <= 0).all()
     assert ((grasps.widths >= 0) & (grasps.widths <= gripper.max_opening)).all()
-    np.testing.assert_array_equal(grasps.openings, gripper.opening(grasps.widths))
+    needed = gripper.opening(grasps.widths)
+    wider = np.minimum(needed + QUICK.spare_opening, gripper.max_opening)
+    assert ((grasps.openings == needed) | (grasps.openings == wider)).all()
     assert not hits_table(grasps.poses, grasps.openings, gripper, TABLE_HEIGHT).any()
     np.testing.assert_allclose(np.linalg.det(grasps.poses[:, :3, :3]), 1.0)
 
