@@ -242,6 +242,7 @@ def keep_free(
     """The best grasps whose hand touches nothing on its way, and those that were dropped, and for what.
 
     Candidates are checked in the order in which they would be tried, until every object has enough, or all together.
+    Those that are kept are opened wider by `search.spare_opening` where the hand then touches nothing either.
 
     Args:
         grasps: candidates, table frame, in the order in which they would be tried.
@@ -283,8 +284,9 @@ def keep_free(
     wider = np.minimum(grasps.openings + search.spare_opening, gripper.max_opening)
     to_widen = rows[wider[rows] > grasps.openings[rows]]
     roomy = to_widen[reasons_of(to_widen, wider) == Reason.FREE]
-    grasps = replace(grasps, openings=np.where(np.isin(np.arange(len(grasps)), roomy), wider, grasps.openings))
-    return ranked(grasps.select(rows), search.select), rejected
+    openings = grasps.openings.copy()
+    openings[roomy] = wider[roomy]
+    return ranked(replace(grasps, openings=openings).select(rows), search.select), rejected
 
 
 def keep_unchecked(grasps: Grasps, objects: int, per_object: int) -> Grasps:
