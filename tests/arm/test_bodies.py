@@ -18,8 +18,6 @@ def test_cubes_around_points_cover_what_they_fill():
     mesh = cubes_around(points, 0.01)
     assert len(mesh.faces) == 2 * (10 + 6)  # the wall between the first two is left out
     assert mesh.volume == pytest.approx(3e-6)  # positive: the faces look outwards
-    assert cubes_around(points, 0.01, fewest=2).volume == pytest.approx(1e-6)
-    assert len(cubes_around(points, 0.01, fewest=3).faces) == 0
 
 
 def test_shapes_and_support_are_in_the_frame_of_the_base(seen):
@@ -43,17 +41,34 @@ def test_points_stand_for_objects_where_they_are_asked_for_or_no_shape_is(seen):
     assert (upper - lower < np.array([0.05, 0.04, 0.08]) + 0.0121).all()
 
 
+def background_of(prediction, stray):
+    """The body of the points that belong to no object, if there is one; the points are given in the table's frame."""
+    count = len(prediction.cloud.points) + len(stray)
+    cloud = PointCloud(np.concatenate([prediction.cloud.points, stray]), None, "world")
+    labels = np.concatenate([prediction.cloud_instances, np.full(len(stray), NO_INSTANCE)])
+    changed = replace(
+        prediction, cloud=cloud, cloud_instances=labels, input_rows=np.arange(count), input_shape=(count,)
+    )
+    return next((body for body in bodies_of(changed, T_BASE_FRAME) if body.name == BACKGROUND), None)
+
+
 def test_points_of_no_object_are_background_unless_they_lie_on_the_support_or_alone(seen):
-    prediction = seen([box((0.05, 0.04, 0.08))])
     stray = np.array(
         [[0.304, 0.305, 0.155], [0.306, 0.305, 0.155], [0.0, 0.3, 0.155], [0.2, 0.3, 0.055], [0.2, 0.3, 0.056]]
     )
-    cloud = PointCloud(np.concatenate([prediction.cloud.points, stray]), None, "world")
-    labels = np.concatenate([prediction.cloud_instances, np.full(5, NO_INSTANCE)])
-    bodies = bodies_of(
-        replace(prediction, cloud=cloud, cloud_instances=labels, input_rows=np.arange(605), input_shape=(605,)),
-        T_BASE_FRAME,
-    )
-    (background,) = [body for body in bodies if body.name == BACKGROUND]
+    background = background_of(seen([box((0.05, 0.04, 0.08))]), stray)
+    assert background is not None
     assert background.mesh.volume == pytest.approx(1e-6)
     np.testing.assert_allclose(background.mesh.bounds.mean(axis=0), [0.655, 0.155, 0.105], atol=1e-6)
+
+
+def test_beside_an_object_background_is_as_large_as_its_points_and_at_its_edge_there_is_none(seen):
+    prediction = seen([box((0.05, 0.04, 0.08))])
+    upper = prediction.cloud.points.max(axis=0)
+    pair = np.array([[0.0, -0.001, -0.02], [0.0, 0.001, -0.02]])
+    assert background_of(prediction, upper + pair + [0.005, -0.001, 0.0]) is None
+    beside = background_of(prediction, upper + pair + [0.03, -0.001, 0.0])
+    far = background_of(prediction, upper + pair + [0.09, -0.001, 0.0])
+    assert beside is not None
+    assert far is not None
+    assert np.ptp(beside.mesh.bounds, axis=0).max() <= 0.008 + 1e-9 < np.ptp(far.mesh.bounds, axis=0).max()

@@ -11,7 +11,7 @@ import needs_arm  # noqa: F401
 from arm_scenes import DROP, T_BASE_FRAME, box
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody
-from icgnet.arm.pick import checked_phase, plan_pick
+from icgnet.arm.pick import _Planner, checked_phase, plan_pick
 from icgnet.arm.replay import replay
 from icgnet.arm.scene import CARRIED, CollisionChecker, Load
 from icgnet.arm.settings import PickSettings
@@ -205,6 +205,15 @@ def test_what_lies_on_an_object_is_not_lifted_with_it(fr3, seen):
     assert plan.refused == {f"{CARRIED} meets object 1": 1}
     beside = plan_pick(seen([bar, plate.copy().apply_translation([0.06, 0, -0.05])]), fr3, T_BASE_FRAME, DROP)
     assert beside.is_found
+
+
+def test_what_hand_and_object_meet_with_any_joints_is_not_asked_with_all_of_them(fr3, seen, monkeypatch):
+    bar, plate = box((0.30, 0.04, 0.05)), box((0.05, 0.05, 0.01), x=0.28, z=0.05 + 0.05 + 0.005)
+    lines, asked = _Planner._lines, []
+    monkeypatch.setattr(_Planner, "_lines", lambda self, *given: asked.append(given) or lines(self, *given))
+    plan = plan_pick(seen([bar, plate]), fr3, T_BASE_FRAME, DROP)
+    assert plan.refused == {f"{CARRIED} meets object 1": 1}
+    assert len(asked) == 2, "once for the hand as it is, once for the hand turned by half a turn"
 
 
 def test_the_carried_object_keeps_its_margin_once_it_has_left_its_neighbours(fr3, seen):

@@ -129,6 +129,24 @@ def test_widths_come_from_the_shapes_where_a_ray_hits_them_if_that_is_wanted(sha
     assert set(grasps.widths[~hits]) <= set(by_network.widths)
 
 
+def test_a_grasp_is_worth_as_much_as_what_it_is_on_is_an_object(shapes):
+    doubted = [shapes[0], replace(shapes[1], instance=replace(shapes[1].instance, score=0.25))]
+    normals, instances = np.array([[0.0, -1.0, 0.0]] * 2), np.array([0, 1])
+    contacts = GraspContacts(ORIGIN + CENTRES + np.array([0.0, -RADIUS, 0.0]), normals, instances)
+    search = GraspSearch(min_score=0.0)
+    sure, unsure = (
+        score_contacts(each[0].network, each, contacts, load_gripper(), search)[0] for each in (shapes, doubted)
+    )
+    for angle in range(12):
+        before, after = (each.select((each.instances == 1) & (each.angles == angle)).scores for each in (sure, unsure))
+        np.testing.assert_allclose(after, 0.25 * before)
+    np.testing.assert_array_equal(
+        np.sort(sure.scores[sure.instances == 0]), np.sort(unsure.scores[unsure.instances == 0])
+    )
+    dropped = score_contacts(shapes[0].network, doubted, contacts, load_gripper(), GraspSearch(min_score=0.25))[0]
+    assert 1 not in dropped.instances
+
+
 def test_every_object_gets_a_contact_however_few_are_wanted(shapes, tabletop):
     instances = [shape.instance for shape in shapes]
     contacts = seen_contacts(tabletop, instances, 1, np.random.default_rng(0))

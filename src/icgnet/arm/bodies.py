@@ -3,13 +3,14 @@
 # The compiled modules of coal carry no types.
 # pyright: reportAttributeAccessIssue=false
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import Delaunay, KDTree, QhullError
 
 from icgnet.arm.libraries import coal
 from icgnet.arm.settings import Source
@@ -24,6 +25,10 @@ POINT_CELL = 0.006
 BACKGROUND_CELL = 0.01
 """The same for points that belong to no object [m]; a cube that holds a single one is taken for noise."""
 FEWEST_POINTS = 2
+EDGE, NEAR, NEAR_CELL = 0.012, 0.06, 0.004
+"""Points that belong to no object and are nearer to the body of one than this are a part of it that was not told, or a
+smear at its edge; that body stands for them. Those within the second distance have small cubes [m]: beside an object a
+hand must be able to come where it touches neither shapes nor measured points."""
 ABOVE_SUPPORT = 0.01
 """Points that belong to no object and are nearer to the support than this belong to the support [m]."""
 SUPPORT_EDGE, SUPPORT_DEPTH = 4.0, 0.2
@@ -96,7 +101,7 @@ def bodies_of(
             continue
         placed = mesh.copy().apply_transform(T_base_frame)
         objects.append(CollisionBody(object_name(item.instance_id), placed, item.instance_id, from_points))
-    return (_support(prediction, T_base_frame), *objects, *_background(prediction, T_base_frame))
+    return (_support(prediction, T_base_frame), *objects, *_background(prediction, T_base_frame, objects))
 
 
 def _support(prediction: Prediction, T_base_frame: Float[np.ndarray, "4 4"]) -> CollisionBody:
@@ -105,14 +110,29 @@ def _support(prediction: Prediction, T_base_frame: Float[np.ndarray, "4 4"]) -> 
     return CollisionBody(SUPPORT, block.apply_transform(T_base_frame @ prediction.T_frame_table))
 
 
-def _background(prediction: Prediction, T_base_frame: Float[np.ndarray, "4 4"]) -> tuple[CollisionBody, ...]:
+def _background(
+    prediction: Prediction, T_base_frame: Float[np.ndarray, "4 4"], objects: Sequence[CollisionBody]
+) -> tuple[CollisionBody, ...]:
     points = prediction.cloud.points[prediction.cloud_instances == NO_INSTANCE]
     on_table = transform_points(invert_transform(prediction.T_frame_table), points)
     points = points[on_table[:, 2] > TABLE_HEIGHT + ABOVE_SUPPORT]
-    if not len(points):
-        return ()
-    mesh = cubes_around(points, BACKGROUND_CELL, FEWEST_POINTS)
-    return (CollisionBody(BACKGROUND, mesh.apply_transform(T_base_frame), from_points=True),) if len(mesh.faces) else ()
+    points = transform_points(T_base_frame, points[_company(points, BACKGROUND_CELL) >= FEWEST_POINTS])
+    seen = prediction.cloud.points[prediction.cloud_instances != NO_INSTANCE]
+    of_objects = np.concatenate([transform_points(T_base_frame, seen), *(body.mesh.vertices for body in objects)])
+    distance = np.full(len(points), np.inf)
+    if len(of_objects):
+        distance = KDTree(of_objects).query(points, distance_upper_bound=NEAR)[0]
+    beside, far = points[(distance > EDGE) & (distance < NEAR)], points[distance >= NEAR]
+    mesh = trimesh.util.concatenate([cubes_around(beside, NEAR_CELL), cubes_around(far, BACKGROUND_CELL)])
+    return (CollisionBody(BACKGROUND, mesh, from_points=True),) if len(mesh.faces) else ()
+
+
+def _company(points: Float[np.ndarray, "n 3"], edge: float) -> Int[np.ndarray, "n"]:
+    """How many points there are in the cube of a grid in which each lies, itself included; the edge in [m]."""
+    _, cell, counts = np.unique(
+        np.floor(points / edge).astype(np.int64), axis=0, return_inverse=True, return_counts=True
+    )
+    return counts[cell]
 
 
 def is_over_support(prediction: Prediction, place: Float[np.ndarray, "2"]) -> bool:
@@ -130,16 +150,14 @@ def is_over_support(prediction: Prediction, place: Float[np.ndarray, "2"]) -> bo
         return False
 
 
-def cubes_around(points: Float[np.ndarray, "n 3"], edge: float, fewest: int = 1) -> trimesh.Trimesh:
-    """The surface of all cubes of a grid that hold at least so many points.
+def cubes_around(points: Float[np.ndarray, "n 3"], edge: float) -> trimesh.Trimesh:
+    """The surface of all cubes of a grid that hold a point.
 
     Args:
         points: [m].
         edge: of the cubes [m].
-        fewest: points that a cube must hold.
     """
-    cells, counts = np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_counts=True)
-    cells = cells[counts >= fewest]
+    cells = np.unique(np.floor(points / edge).astype(np.int64), axis=0)
     corners: list[Float[np.ndarray, "_ 4 3"]] = [np.zeros((0, 4, 3))]
     taken = set(map(tuple, cells.tolist()))
     for axis in range(3):

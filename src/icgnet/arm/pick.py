@@ -96,7 +96,21 @@ def plan_pick(
 
 
 class _RefusedError(Exception):
-    """A grasp cannot be carried out; the argument says why."""
+    """A grasp cannot be carried out; the argument says why.
+
+    Attributes:
+        anyhow: whether other joint positions at the same grasp would be refused as well: hand and carried object go
+            the same way with all of them.
+    """
+
+    def __init__(self, reason: str, anyhow: bool = False) -> None:
+        super().__init__(reason)
+        self.anyhow = anyhow
+
+    @staticmethod
+    def by(meeting: Meeting) -> "_RefusedError":
+        """The refusal for what meets what."""
+        return _RefusedError(_told(meeting), meeting.part in (HAND, CARRIED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +259,8 @@ class _Planner:
                 return self._lines(joints, T_base_grasp, opened, holding)
             except _RefusedError as refused:
                 reasons.append(str(refused))
+                if refused.anyhow:
+                    break
         return None
 
     def _free_joints(
@@ -284,9 +300,10 @@ class _Planner:
                 lift = self._free_part(lift, self._checker(lifting), settings.lift, NO_LIFT, full)
                 _check_parting(lift, full)
                 for meeting in pressed(self.arm, self.gripper, self.bodies, holding, lift, lifting.untested):
-                    raise _RefusedError(_told(meeting))
+                    raise _RefusedError.by(meeting)
             except _RefusedError as again:
-                refused = refused or again  # that it cannot be lifted says more than that it cannot be drawn back
+                # That it cannot be lifted says more than that it cannot be drawn back.
+                refused = _RefusedError(str(refused), refused.anyhow and again.anyhow) if refused else again
             else:
                 return _Reach(joints, back, lift, lifting)
         raise refused or _RefusedError(NO_LIFT)
@@ -316,12 +333,12 @@ class _Planner:
             raise _RefusedError(reason)
         met = checker.first_collision(line)
         if met is not None and met <= steps:
-            raise _RefusedError(_told(checker.meetings(line[met])[0]))
+            raise _RefusedError.by(checker.meetings(line[met])[0])
         at_end, margin = at_end or checker, self.settings.margin
         for last in range(steps, len(line) if met is None else met):
             if not at_end.collides(line[last], margin):
                 return line[: last + 1]
-        raise _RefusedError(_told(at_end.meetings(line[steps], margin)[0]))
+        raise _RefusedError.by(at_end.meetings(line[steps], margin)[0])
 
     def _lifting(self, joints: Float[np.ndarray, "j"], holding: Load) -> Load:
         """The load while it is lifted.

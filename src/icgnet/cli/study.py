@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from icgnet.cli.measurement import Flat, Measurement
 from icgnet.studies.config import (
+    GraspScoresConfig,
     HandsConfig,
     LabelCeilingConfig,
     LoaderConfig,
@@ -32,6 +33,15 @@ class LabelCeiling(Measurement):
     config: Annotated[LabelCeilingConfig, Flat]
 
     kind, module = "label-ceiling", "icgnet.studies.label_ceiling"
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspScores(Measurement):
+    """What scores are worth where they are used: grasps of whole pictures, tried one by one."""
+
+    config: Annotated[GraspScoresConfig, Flat]
+
+    kind, module = "grasp-scores", "icgnet.studies.grasp_scores"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -124,7 +124,8 @@ def score_contacts(
 ) -> tuple[Grasps, Rejections]:
     """The grasps that the network believes in, best first, and those that were dropped, by index of the shape.
 
-    Paper: each contact is decoded for the twelve approach angles, with the query of its own object.
+    Paper: each contact is decoded for the twelve approach angles, with the query of its own object. Differs: what the
+    decoder says holds for an object, so it is multiplied with how sure the network is that this is one.
 
     Args:
         network: decodes the contacts.
@@ -136,6 +137,7 @@ def score_contacts(
     probabilities = np.zeros((len(contacts.points), len(APPROACH_ANGLES)))
     widths = np.zeros(len(contacts.points))
     queries = np.array([shape.instance.query for shape in shapes])[contacts.instances]
+    objectness = np.array([shape.instance.score for shape in shapes])[contacts.instances]
     hand = network.hand_input(gripper)
     for start in range(0, len(queries), CONTACTS_AT_ONCE):
         part = slice(start, start + CONTACTS_AT_ONCE)
@@ -146,7 +148,7 @@ def score_contacts(
             _tensor(contacts.normals[part]).to(network.device),
             hand,
         )
-        probabilities[part] = torch.sigmoid(affordance.logits).cpu().numpy()
+        probabilities[part] = objectness[part, None] * torch.sigmoid(affordance.logits).cpu().numpy()
         widths[part] = affordance.widths.cpu().numpy()
     if search.width_from == "shape":
         widths = _shape_widths(shapes, contacts, widths, gripper)

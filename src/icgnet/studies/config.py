@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from icgnet.objects.kinds import Split
+from icgnet.benchmark.config import NoiseName
+from icgnet.inference.grasp_search import DEFAULT_SEARCH, GraspSearch
+from icgnet.objects.kinds import Kind, Split
 from icgnet.settings import check_choices, check_range
 
 FEWEST_REPEATS = 3.0
@@ -56,6 +58,39 @@ class LabelCeilingConfig:
         check_choices(self)
         check_range(self, 1.0, "scenes", "contacts")
         check_range(self, FEWEST_REPEATS, "repeats")
+        check_range(self, 0.0, "seed")
+
+
+@dataclass(frozen=True)
+class GraspScoresConfig:
+    """What scores are worth where they are used: grasps of whole pictures, tried one by one."""
+
+    objects: str = "procedural"
+    """Object set of the scenes."""
+    scene: Kind = "table"
+    """Kind of scenes."""
+    split: Split = "val"
+    """Which objects the scenes are made of."""
+    noise: NoiseName = "stereo"
+    """What the sensor does."""
+    pictures: int = 30
+    """How many scenes, with one picture each."""
+    grasps: int = 10
+    """So many of the best grasps of a picture are tried, so many others, and the best of each object."""
+    seed: int = 1
+    """Of every random draw."""
+    gripper: str = "franka"
+    """Name of a hand that ships with the package, or a gripper file; the network must know it."""
+    weights: Path | None = None
+    """Weights file; the one that ships with the package if not given."""
+    threads: int = 1
+    """CPU threads of the network."""
+    search: GraspSearch = DEFAULT_SEARCH
+    """How grasps are looked for; all of a picture are, whatever `most` says."""
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        check_range(self, 1.0, "pictures", "grasps", "threads")
         check_range(self, 0.0, "seed")
 
 
