@@ -11,11 +11,11 @@ import needs_arm  # noqa: F401
 from arm_scenes import DROP, T_BASE_FRAME, box
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody
-from icgnet.arm.pick import _Planner, checked_phase, plan_pick
+from icgnet.arm.pick import DEVIATIONS, NO_REACH, _Planner, checked_phase, plan_pick
 from icgnet.arm.replay import replay
 from icgnet.arm.scene import CARRIED, CollisionChecker, Load
 from icgnet.arm.settings import PickSettings
-from icgnet.arm.timing import still
+from icgnet.arm.timing import NoTrajectoryError, Timing, still
 from icgnet.errors import InputError
 from icgnet.geometry.transforms import invert_transform, make_transform, rotation_z, transform_points
 
@@ -205,6 +205,23 @@ def test_what_lies_on_an_object_is_not_lifted_with_it(fr3, seen):
     assert plan.refused == {f"{CARRIED} meets object 1": 1}
     beside = plan_pick(seen([bar, plate.copy().apply_translation([0.06, 0, -0.05])]), fr3, T_BASE_FRAME, DROP)
     assert beside.is_found
+
+
+def test_a_way_without_a_trajectory_is_tried_with_other_corners_and_then_refused(fr3, seen, monkeypatch):
+    along, asked = Timing.along, []
+
+    def failing(self, path, deviation, speed=1.0):
+        asked.append(deviation)
+        if deviation > worst:
+            raise NoTrajectoryError("none")
+        return along(self, path, deviation, speed)
+
+    monkeypatch.setattr(Timing, "along", failing)
+    worst = DEVIATIONS[1]
+    assert plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, DROP).is_found
+    assert DEVIATIONS[0] in asked
+    worst = -1.0
+    assert plan_pick(seen([box(CUBOID)]), fr3, T_BASE_FRAME, DROP).refused == {NO_REACH: 1}
 
 
 def test_what_hand_and_object_meet_with_any_joints_is_not_asked_with_all_of_them(fr3, seen, monkeypatch):

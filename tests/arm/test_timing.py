@@ -8,7 +8,7 @@ import pytest
 import needs_arm  # noqa: F401
 from arm_scenes import link_meshes
 from icgnet.arm.kinematics import straight_line
-from icgnet.arm.timing import Timing, joined, slowed, still
+from icgnet.arm.timing import NoTrajectoryError, Timing, joined, slowed, still
 from icgnet.errors import InputError
 
 
@@ -89,3 +89,13 @@ def test_one_after_the_other(timing, path):
     assert (np.diff(whole.times) > 0).all()
     np.testing.assert_allclose(whole.at(np.array([first.duration + 0.25]))[0], path[1], atol=1e-9)
     np.testing.assert_allclose(whole.at(np.array([whole.duration]))[0], path[-1], atol=1e-9)
+
+
+def test_where_the_library_finds_no_trajectory_it_is_said(timing, path, monkeypatch):
+    class Failing:
+        def generate(self, given, options):
+            raise RuntimeError("TOPPRA failed with return code 3")
+
+    monkeypatch.setattr(timing, "_toppra", Failing())
+    with pytest.raises(NoTrajectoryError, match="code 3"):
+        timing.along(path, 0.05)

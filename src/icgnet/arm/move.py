@@ -8,7 +8,7 @@ from jaxtyping import Float
 from icgnet.arm.arm import Arm
 from icgnet.arm.bodies import CollisionBody
 from icgnet.arm.paths import PathFinder
-from icgnet.arm.pick import DEVIATIONS, checked_phase
+from icgnet.arm.pick import DEVIATIONS, timed_phase
 from icgnet.arm.plan import Phase
 from icgnet.arm.scene import CollisionChecker, Load
 from icgnet.arm.settings import DEFAULT_PICK, PickSettings
@@ -39,9 +39,4 @@ def plan_move(
     way = PathFinder(checker, settings.margin, np.random.default_rng(settings.seed)).find(start, goal)
     if way is None:
         return None
-    timing = timing_of(arm)
-    phases = (
-        checked_phase("move", timing.along(way, deviation, settings.speed), load, checker, settings.margin)
-        for deviation in DEVIATIONS
-    )
-    return next((phase for phase in phases if phase is not None), None)
+    return timed_phase("move", timing_of(arm), way, DEVIATIONS, settings.speed, load, checker, settings.margin)

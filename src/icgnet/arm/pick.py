@@ -19,7 +19,7 @@ from icgnet.arm.paths import PathFinder
 from icgnet.arm.plan import Phase, PickPlan, Refusal
 from icgnet.arm.scene import CARRIED, HAND, CollisionChecker, Load, Meeting
 from icgnet.arm.settings import DEFAULT_PICK, FARTHEST_BACK, HIGHEST_LIFT, PickSettings
-from icgnet.arm.timing import Trajectory, still, timing_of
+from icgnet.arm.timing import NoTrajectoryError, Timing, Trajectory, still, timing_of
 from icgnet.errors import InputError
 from icgnet.geometry.arrays import position
 from icgnet.geometry.transforms import check_pose, invert_transform, make_transform, rotation_z, transform_points
@@ -523,17 +523,16 @@ class _Planner:
         """A phase along waypoints: its corners rounded as far as nothing is met, or a straight line of the hand.
 
         Raises:
-            _RefusedError: it meets something even with sharp corners.
+            _RefusedError: it meets something even with sharp corners, or there is no trajectory along it.
         """
         settings, checker = self.settings, self._checker(load, left)
         deviations, speed, margin = DEVIATIONS, settings.speed, settings.margin
         if straight:
             deviations, speed, margin = (LINE_DEVIATION,), settings.line_speed, 0.0
-        for deviation in deviations:
-            phase = checked_phase(name, self.timing.along(way, deviation, speed), load, checker, margin)
-            if phase is not None:
-                return self._measured(replace(phase, extra=tuple(left)))
-        raise _RefusedError(reason)
+        phase = timed_phase(name, self.timing, way, deviations, speed, load, checker, margin)
+        if phase is None:
+            raise _RefusedError(reason)
+        return self._measured(replace(phase, extra=tuple(left)))
 
     def _fingers(
         self, name: str, joints: Float[np.ndarray, "j"], load: Load, end: float, left: Sequence[CollisionBody] = ()
@@ -579,6 +578,39 @@ def _let_go_at(
         raise InputError(f"{message}, and not beside what is seen of it")
     on_table[2] = TABLE_HEIGHT + above
     return transform_points(T_base_table, on_table[None])[0]
+
+
+def timed_phase(
+    name: str,
+    timing: Timing,
+    way: Float[np.ndarray, "n j"],
+    deviations: Sequence[float],
+    speed: float,
+    load: Load,
+    checker: CollisionChecker,
+    margin: float,
+) -> Phase | None:
+    """The phase along waypoints with the first rounding of corners that serves, see `checked_phase`; None if none does.
+
+    Args:
+        name: of the phase.
+        timing: makes trajectories for the arm.
+        way: waypoints [rad].
+        deviations: how far rounded corners may be from the waypoints [rad], tried in this order.
+        speed: share of the arm's largest velocities.
+        load: what the hand holds.
+        checker: of this load.
+        margin: what must be kept from everything [m].
+    """
+    for deviation in deviations:
+        try:
+            trajectory = timing.along(way, deviation, speed)
+        except NoTrajectoryError:
+            continue
+        phase = checked_phase(name, trajectory, load, checker, margin)
+        if phase is not None:
+            return phase
+    return None
 
 
 def checked_phase(

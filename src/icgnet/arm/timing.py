@@ -22,6 +22,10 @@ SAME_POINT = 1e-6
 """Waypoints nearer to each other than this are one [rad]."""
 
 
+class NoTrajectoryError(Exception):
+    """TOPP-RA finds none along a path with corners rounded as asked for."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Joint positions over time, at rest at both ends.
@@ -129,6 +133,7 @@ class Timing:
 
         Raises:
             InputError: a path that does not move, or a speed that is not in (0, 1].
+            NoTrajectoryError: none is found.
         """
         if not 0.0 < speed <= 1.0:
             raise InputError(f"speed must be above 0 and at most 1, got {speed:g}")
@@ -142,12 +147,19 @@ class Timing:
         return slowed(trajectory, max(1.0 / speed, self._excess(trajectory)))
 
     def _through(self, waypoints: list[Float[np.ndarray, "j"]], deviation: float) -> Trajectory:
-        """The fastest trajectory through waypoints, their corners rounded."""
+        """The fastest trajectory through waypoints, their corners rounded.
+
+        Raises:
+            NoTrajectoryError: none is found.
+        """
         given = roboplan.JointPath()
         given.joint_names, given.positions = list(self.arm.joint_names), waypoints
         mode = toppra.SplineFittingMode.LinearBlend
         options = toppra.TOPPRAOptions(dt=SAMPLE_TIME, mode=mode, max_blend_deviation=deviation)
-        found = self._toppra.generate(given, options)
+        try:
+            found = self._toppra.generate(given, options)
+        except RuntimeError as error:
+            raise NoTrajectoryError(str(error)) from error
         return Trajectory(*map(np.array, (found.times, found.positions, found.velocities, found.accelerations)))
 
     def _excess(self, trajectory: Trajectory) -> float:
