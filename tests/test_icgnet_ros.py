@@ -170,8 +170,8 @@ class SlowService:
         return answer(request)
 
 
-def wait_until(holds):
-    end = time.monotonic() + 60
+def wait_until(holds, seconds=60.0):
+    end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end
         time.sleep(0.002)
@@ -355,7 +355,7 @@ def test_a_real_service_finds_grasps_in_the_bundled_capture(started):
         node, _ = started(None, url=url, limit=10)
         node.on_info(info(k=K.ravel().tolist(), width=width, height=height))
         node.on_image(image(data=pixels.tobytes(), step=2 * width, height=height, width=width))
-        wait_until(lambda: node.published["~/scores"] or node.warnings)
+        wait_until(lambda: node.published["~/scores"] or node.warnings, 150.0)  # busy machines
     assert node.warnings == []
     (result,), (scores,) = node.published["~/poses"], node.published["~/scores"]
     assert (result.header.stamp, result.header.frame_id) == ("then", "optical")
