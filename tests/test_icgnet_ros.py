@@ -352,10 +352,10 @@ def test_a_real_service_finds_grasps_in_the_bundled_capture(started):
     height, width = depth.shape
     pixels = (1000 * depth).round().astype("<u2")
     with serving() as (url, _):
-        node, _ = started(None, url=url, limit=10)
+        node, _ = started(None, url=url, limit=10, timeout=600.0)  # busy machines
         node.on_info(info(k=K.ravel().tolist(), width=width, height=height))
         node.on_image(image(data=pixels.tobytes(), step=2 * width, height=height, width=width))
-        wait_until(lambda: node.published["~/scores"] or node.warnings, 150.0)  # busy machines
+        wait_until(lambda: node.published["~/scores"] or node.warnings, 610.0)
     assert node.warnings == []
     (result,), (scores,) = node.published["~/poses"], node.published["~/scores"]
     assert (result.header.stamp, result.header.frame_id) == ("then", "optical")
