@@ -12,7 +12,7 @@ import statistics
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx
@@ -94,15 +94,14 @@ def megabytes(pid: int) -> float:
     return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
 
 
-def memory(url: str, body: bytes, count: int, pid: int, headers: dict[str, str]) -> list[float]:
+def memory(url: str, body: bytes, count: int, pid: int, headers: dict[str, str]) -> Iterator[float]:
     """Resident memory [MiB] before, and after each tenth of so many requests."""
-    sizes = [megabytes(pid)]
+    yield megabytes(pid)
     with httpx.Client(base_url=url, headers={**headers, "Content-Type": NPZ}, timeout=60.0) as web:
         for number in range(1, count + 1):
             web.post("/predict", content=body).raise_for_status()
             if number % max(1, count // 10) == 0:
-                sizes.append(megabytes(pid))
-    return sizes
+                yield megabytes(pid)
 
 
 def alone(url: str, body: bytes, count: int, headers: dict[str, str], weights: Path | None) -> dict[str, list[float]]:
@@ -167,8 +166,10 @@ def main() -> None:
         said = ", ".join(f"{count} x {status}" for status, count in sorted(statuses.items()))
         print(f"{given.malformed} malformed bodies: {said}", flush=True)
     if given.memory:
-        sizes = memory(given.url, body, given.memory, given.pid, headers)
-        print(f"memory over {given.memory} requests [MiB]: {', '.join(f'{size:.0f}' for size in sizes)}", flush=True)
+        print(f"memory over {given.memory} requests [MiB]:", end="", flush=True)
+        for size in memory(given.url, body, given.memory, given.pid, headers):
+            print(f" {size:.0f}", end="", flush=True)
+        print()
 
 
 if __name__ == "__main__":

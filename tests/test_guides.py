@@ -33,7 +33,7 @@ RUN_HERE = ("own_robot", "own_planner")
 def test_guides_for_users_are_run():
     assert {page.stem for page in PAGES} >= {
         *("own_camera", "own_robot", "own_gripper", "own_objects", "real_captures"),
-        *("why_no_grasp", "own_planner", "training", "scenes", "reproduce"),
+        *("first_grasp", "why_no_grasp", "own_planner", "training", "scenes", "reproduce"),
     }
 
 

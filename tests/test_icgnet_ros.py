@@ -1,4 +1,4 @@
-"""The node for robots that have ROS, with a fake rclpy and a service that answers one thing."""
+"""The node for robots that have ROS, with a fake rclpy: beside a service that answers one thing, and a real one."""
 
 import importlib.util
 import io
@@ -16,7 +16,10 @@ import pytest
 
 from icgnet import __version__
 from icgnet import client as client_module
+from icgnet.cli.demo import FOLDER
+from icgnet.geometry.camera import unproject
 from icgnet.geometry.transforms import make_transform, quaternion_to_matrix, random_rotation
+from service_process import serving
 
 PACKAGE = Path(__file__).parents[1] / "ros2" / "icgnet_ros"
 K = [600.0, 0.0, 2.0, 0.0, 600.0, 1.0, 0.0, 0.0, 1.0]
@@ -129,7 +132,7 @@ def answer(request: httpx.Request) -> httpx.Response:
 
 @pytest.fixture
 def started(node_module, monkeypatch):
-    """Starts the node with parameters; requests of its client are noted, and answered by a function."""
+    """Starts the node with parameters. Requests of its client are noted and answered by a function; None sends them."""
     nodes = []
 
     def start(answered=answer, **parameters):
@@ -142,7 +145,7 @@ def started(node_module, monkeypatch):
         def client(*arguments, **named):
             return client_module.Client(*arguments, **named, transport=httpx.MockTransport(handle))
 
-        monkeypatch.setattr(node_module, "Client", client)
+        monkeypatch.setattr(node_module, "Client", client_module.Client if answered is None else client)
         monkeypatch.setattr(node_module, "PAUSE", 0.01)
         monkeypatch.setattr(FakeNode, "parameters", parameters)
         nodes.append(node_module.Grasping())
@@ -167,8 +170,8 @@ class SlowService:
         return answer(request)
 
 
-def wait_until(holds):
-    end = time.monotonic() + 60
+def wait_until(holds, seconds=60.0):
+    end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end
         time.sleep(0.002)
@@ -340,6 +343,29 @@ def test_images_are_read_as_sensors_send_them_and_only_the_newest(started):
     assert set(node.subscriptions) == {"image", "camera_info"}
     for _, _, qos, options in node.subscriptions.values():
         assert (qos.depth, qos.reliability, options) == (1, 2, "may be overridden")
+
+
+@pytest.mark.slow
+def test_a_real_service_finds_grasps_in_the_bundled_capture(started):
+    with np.load(FOLDER / "demo.npz") as capture:
+        depth, K = capture["depth"], capture["K"]
+    height, width = depth.shape
+    pixels = (1000 * depth).round().astype("<u2")
+    with serving() as (url, _):
+        node, _ = started(None, url=url, limit=10, timeout=600.0)  # busy machines
+        node.on_info(info(k=K.ravel().tolist(), width=width, height=height))
+        node.on_image(image(data=pixels.tobytes(), step=2 * width, height=height, width=width))
+        wait_until(lambda: node.published["~/scores"] or node.warnings, 610.0)
+    assert node.warnings == []
+    (result,), (scores,) = node.published["~/poses"], node.published["~/scores"]
+    assert (result.header.stamp, result.header.frame_id) == ("then", "optical")
+    assert 1 <= len(result.poses) == len(scores.data) <= 10
+    assert scores.data == sorted(scores.data, reverse=True)
+    # Each is at something that the camera sees, as the camera sees it: z forward.
+    seen = unproject(depth, K)[depth > 0]
+    for pose in result.poses:
+        at = np.array([pose.position.x, pose.position.y, pose.position.z])
+        assert np.linalg.norm(seen - at, axis=1).min() < 0.05
 
 
 def test_the_package_is_whole():

@@ -1,11 +1,8 @@
 """`icgnet serve`: it says where it answers, and ends when it is told to."""
 
 import builtins
-import os
-import re
 import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -19,6 +16,7 @@ from icgnet.client import Client
 from icgnet.errors import InputError, MissingExtraError
 from icgnet.network.weights import save_weights
 from icgnet.service.server import listen
+from service_process import serving
 from tabletop_scenes import INTRINSICS, tiny_network
 
 
@@ -78,22 +76,16 @@ def test_without_the_packages_of_the_arm_it_says_what_to_install(capsys, monkeyp
 
 
 @pytest.fixture(scope="module")
-def process(tmp_path_factory):
+def service(tmp_path_factory):
     weights = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     save_weights(weights, tiny_network(), {})
-    command = [sys.executable, "-m", "icgnet.cli.main", "serve", "--port", "0", "--threads", "1", "--weights", weights]
-    environment = {name: value for name, value in os.environ.items() if name != "ICGNET_TOKEN"}
-    started = subprocess.Popen(
-        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
-    )
-    yield started
-    started.kill()
-    started.communicate()
+    with serving("--weights", weights) as started:
+        yield started
 
 
 @pytest.mark.slow
-def test_a_process_answers_and_finishes_what_runs_when_it_is_terminated(process):
-    url = re.search(r"http://127\.0\.0\.1:\d+", process.stdout.readline())[0]
+def test_a_process_answers_and_finishes_what_runs_when_it_is_terminated(service):
+    url, process = service
     with Client(url) as client:
         assert len(client.metadata()["weights"]["sha256"]) == 64
         assert len(client.predict_depth(DEPTH, INTRINSICS).objects) > 0

@@ -46,6 +46,6 @@ def test_memory_does_not_grow_with_the_requests(script):
     if not Path("/proc/self/status").is_file():
         pytest.skip("needs /proc to see the memory of a process")
     with running(HeldUpPredictor()) as (url, _, _):
-        script.memory(url, BODY, 10, os.getpid(), {})
-        sizes = script.memory(url, BODY, 40, os.getpid(), {})
+        list(script.memory(url, BODY, 10, os.getpid(), {}))
+        sizes = list(script.memory(url, BODY, 40, os.getpid(), {}))
     assert max(sizes[5:]) - max(sizes[:5]) < 5.0

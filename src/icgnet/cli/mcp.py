@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from icgnet.arm.settings import PickSettings
+from icgnet.cli.predictor_options import PredictorOptions
 from icgnet.cli.serve import TOKEN
 from icgnet.errors import InputError
-from icgnet.inference.grasp_search import GraspSearch
-from icgnet.network.config import Precision
 from icgnet.settings import check_range
 
 if TYPE_CHECKING:
     from icgnet.agents.sight import Bench, Scene, Sight
 
 EXTRA = ("mcp", "mcp_types", "pydantic")
-OF_THE_SERVICE = ("arm", "hand_eye", "weights", "gripper", "threads", "precision", "seed", "search", "pick")
-"""Options of a network or an arm in this process, which a service has of its own."""
+OF_THE_SERVICE = ("arm", "hand_eye", "pick")
+"""Options of an arm in this process, which a service has of its own, as it has a predictor."""
 
 
 @dataclass(frozen=True)
@@ -55,19 +54,9 @@ class Mcp:
     hand_eye: Path | None = None
     """YAML or JSON file with T_base_camera, or with T_tool_camera and joints: where the camera is, for captures that do
     not say so."""
-    weights: Path | None = None
-    """Weights file; the one that ships with the package if not given."""
-    gripper: str | None = None
-    """Name of a gripper or a gripper file: the hand that is to grasp; that of the weights if not given."""
-    threads: int | None = None
-    """CPU threads."""
-    precision: Precision = "float32"
-    """In how many bits the network's U-Nets compute; float32 gives the same results on every processor."""
-    seed: int = 0
-    """Of everything that is drawn."""
     pick: PickSettings = field(default_factory=PickSettings)
     """How picks are planned."""
-    search: Annotated[GraspSearch, tyro.conf.arg(name="")] = field(default_factory=GraspSearch)
+    predictor: Annotated[PredictorOptions, tyro.conf.arg(name="")] = field(default_factory=PredictorOptions)
 
     def run(self) -> None:
         """Answers until stdin ends.
@@ -75,8 +64,6 @@ class Mcp:
         Raises:
             IcgnetError: for everything that the caller can mend.
         """
-        check_range(self, 1.0, "threads", most=256.0)
-        check_range(self, 0.0, "seed")
         check_range(self, 0.0, "depth_scale", above=True)
         check_range(self, -100.0, "table_height", most=100.0)
         check_range(self, 0.1, "timeout", most=3600.0)
@@ -98,28 +85,22 @@ class Mcp:
 
     def _check_together(self) -> None:
         if self.url is not None:
-            defaults = {each.name: each for each in fields(self)}
-            for name in OF_THE_SERVICE:
-                if getattr(self, name) != _default(defaults[name]):
-                    raise InputError(f"{name} does not go with url: the service at {self.url} has its own")
+            own = [(self, each) for each in fields(self) if each.name in OF_THE_SERVICE]
+            own += [(self.predictor, each) for each in fields(self.predictor)]
+            for options, each in own:
+                if getattr(options, each.name) != _default(each):
+                    raise InputError(f"{each.name} does not go with url: the service at {self.url} has its own")
         elif self.hand_eye is not None and self.arm is None:
             raise InputError("hand_eye is for an arm: give --arm, too, or --camera-pose")
 
     def _local(self, scene: "Scene") -> "Sight":
         """A network in this process, loaded when it is first needed."""
         from icgnet.agents.sight import LazySight, LocalSight
-        from icgnet.network.weights_header import check_known
 
-        check_known(self.weights, self.gripper)
+        self.predictor.check()
         bench, camera_pose = self._bench()
 
-        def load() -> LocalSight:
-            from icgnet.predictor import Predictor
-
-            given = (self.weights, self.threads, self.gripper, self.seed, self.search, self.precision)
-            return LocalSight(Predictor.load(*given), scene, bench, camera_pose)
-
-        return LazySight(load)
+        return LazySight(lambda: LocalSight(self.predictor.load(), scene, bench, camera_pose))
 
     def _bench(self) -> "tuple[Bench | None, Any]":
         """The arm, and T_world_camera by its hand-eye file."""

@@ -12,11 +12,10 @@ import tyro
 from rich.console import Console
 
 from icgnet.cli.notices import print_notice
+from icgnet.cli.predictor_options import PredictorOptions
 from icgnet.cli.report import print_tables, with_median_timings, with_meshes, write_folder
 from icgnet.errors import InputError
 from icgnet.files import write_text
-from icgnet.inference.grasp_search import GraspSearch
-from icgnet.network.config import Precision
 from icgnet.output_folder import check_replaceable
 from icgnet.settings import check_range
 
@@ -64,23 +63,11 @@ class Predict:
     """Grasps of this object only."""
     region: tuple[float, float, float, float, float, float] | None = None
     """Grasps in this box only: x y z of its lower, then of its upper corner [m]."""
-    weights: Path | None = None
-    """Weights file; the one that ships with the package if not given."""
-    gripper: str | None = None
-    """Name of a gripper or a gripper file: the hand that is to grasp; that of the weights if not given."""
-    threads: int | None = None
-    """CPU threads."""
-    precision: Precision = "float32"
-    """In how many bits the network's U-Nets compute; float32 gives the same results on every processor."""
-    device: str = "cpu"
-    """What the network computes on, such as cpu or cuda."""
-    seed: int = 0
-    """Of everything that is drawn."""
     overwrite: bool = False
     """Replace the output folder even if it is no earlier prediction."""
     repeat: int = 1
     """Predict so many times and report the median of each timing."""
-    search: Annotated[GraspSearch, tyro.conf.arg(name="")] = field(default_factory=GraspSearch)
+    predictor: Annotated[PredictorOptions, tyro.conf.arg(name="")] = field(default_factory=PredictorOptions)
 
     def run(self) -> None:
         """Predicts, writes and reports.
@@ -92,17 +79,13 @@ class Predict:
         if out is not None:
             check_replaceable(out, "result.json", self.overwrite)
         check_range(self, 1.0, "repeat")
-        check_range(self, 1.0, "threads", most=256.0)
-        check_range(self, 0.0, "seed")
         if self.table_height is not None and not math.isfinite(self.table_height):
             raise InputError(f"table_height must be a finite number [m], got {self.table_height}")
         if self.region is not None and not all(map(le, self.region[:3], self.region[3:])):
             raise InputError(f"region must have lower <= upper, got {self.region[:3]} and {self.region[3:]}")
         if self.json not in (None, STDOUT) and not Path(self.json).parent.is_dir():
             raise InputError(f"cannot write {self.json}: there is no folder {Path(self.json).parent}")
-        from icgnet.network.weights_header import check_known
-
-        check_known(self.weights, self.gripper, self.object_class)
+        self.predictor.check(self.object_class)
         result = self._choose(self._predict(meshes=out is not None))
         if out is not None:
             write_folder(result, out, self.overwrite, self.input.name)
@@ -117,11 +100,7 @@ class Predict:
             if given and not isinstance(capture, DepthCapture):
                 raise InputError(f"{self.input} is a cloud: --{name} is for depth images")
 
-        from icgnet.predictor import Predictor  # loads torch, after everything that needs none has been checked
-
-        predictor = Predictor.load(
-            self.weights, self.threads, self.gripper, self.seed, self.search, self.precision, self.device
-        )
+        predictor = self.predictor.load()  # after everything that needs no torch has been checked
 
         def predict_once() -> "Prediction":
             if isinstance(capture, DepthCapture):

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from icgnet.arm.settings import PickSettings
+from icgnet.cli.predictor_options import PredictorOptions
 from icgnet.errors import InputError
-from icgnet.inference.grasp_search import GraspSearch
-from icgnet.network.config import Precision
 from icgnet.service.config import ServiceConfig
-from icgnet.settings import check_range
 
 if TYPE_CHECKING:
     from icgnet.service.picking import PickBench
@@ -29,18 +27,6 @@ class Serve:
     token that callers must bring is the environment variable ICGNET_TOKEN.
     """
 
-    weights: Path | None = None
-    """Weights file; the one that ships with the package if not given."""
-    gripper: str | None = None
-    """Name of a gripper or a gripper file: the hand that is to grasp; that of the weights if not given."""
-    threads: int | None = None
-    """CPU threads."""
-    precision: Precision = "float32"
-    """In how many bits the network's U-Nets compute; float32 gives the same results on every processor."""
-    device: str = "cpu"
-    """What the network computes on, such as cpu or cuda."""
-    seed: int = 0
-    """Of everything that is drawn."""
     arm: str | None = None
     """Name of an arm or an arm file: plans for it under /pick; none are made if not given. Needs icgnet[arm]."""
     hand_eye: Path | None = None
@@ -49,7 +35,7 @@ class Serve:
     pick: PickSettings = field(default_factory=PickSettings)
     """How picks are planned."""
     service: Annotated[ServiceConfig, tyro.conf.arg(name="")] = field(default_factory=ServiceConfig)
-    search: Annotated[GraspSearch, tyro.conf.arg(name="")] = field(default_factory=GraspSearch)
+    predictor: Annotated[PredictorOptions, tyro.conf.arg(name="")] = field(default_factory=PredictorOptions)
 
     def run(self) -> None:
         """Serves until the process is told to stop.
@@ -57,8 +43,7 @@ class Serve:
         Raises:
             IcgnetError: for everything that the caller can mend.
         """
-        check_range(self, 1.0, "threads", most=256.0)
-        check_range(self, 0.0, "seed")
+        self.predictor.check()
         token = os.environ.get(TOKEN) or None
         self.service.check_token(token)
         if self.hand_eye is not None and self.arm is None:
@@ -70,15 +55,11 @@ class Serve:
             if error.name in EXTRA:
                 raise InputError('icgnet serve needs more packages: pip install "icgnet[serve]"') from error
             raise
-        from icgnet.network.weights_header import DEFAULT_WEIGHTS, check_known, stored_checksum
-        from icgnet.predictor import Predictor
+        from icgnet.network.weights_header import DEFAULT_WEIGHTS, stored_checksum
 
-        check_known(self.weights, self.gripper)
         bench = self._bench()
-        predictor = Predictor.load(
-            self.weights, self.threads, self.gripper, self.seed, self.search, self.precision, self.device
-        )
-        about = {"sha256": stored_checksum(self.weights or DEFAULT_WEIGHTS)}
+        predictor = self.predictor.load()
+        about = {"sha256": stored_checksum(self.predictor.weights or DEFAULT_WEIGHTS)}
         serve(Service(predictor, self.service, about, bench), token, _announce)
 
     def _bench(self) -> "PickBench | None":

@@ -12,7 +12,7 @@ class GraspSearch:
 
     contacts: int = 512
     """Contact points that are scored, shared among the objects; of many objects 128 of each."""
-    min_score: float = 0.1
+    min_score: float = 0.05
     """Candidates with a lower score are dropped."""
     select: Literal["best", "highest"] = "best"
     """Which grasps come first: those with the best scores; or the highest ones above 0.9, then those above 0.8, then

@@ -12,6 +12,7 @@ from icgnet.inference.prediction import Prediction
 from icgnet.viewer.describe import points_on_table
 from icgnet.viewer.page.grasps import GraspPanel, RejectedPanel
 from icgnet.viewer.page.objects import ObjectPanel
+from icgnet.viewer.page.stage import Stage
 from icgnet.viewer.page.surroundings import SurroundingsPanel
 from icgnet.viewer.page.words import header
 from icgnet.viewer.served import ServedPage, serve
@@ -55,11 +56,11 @@ class WebViewer(ServedPage):
         self.T_table_frame = invert_transform(prediction.T_frame_table)
         self._lock = threading.RLock()
         self._set_up_page(prediction)
-        given = (server, prediction, self.T_table_frame)
-        self.objects = ObjectPanel(*given, self.update)
-        self.grasps = GraspPanel(*given, self.objects, self.update)
-        self.rejected = RejectedPanel(*given, self.objects, self.update)
-        self.surroundings = SurroundingsPanel(*given, self.update)
+        stage = Stage(server, prediction, self.T_table_frame, self.update)
+        self.objects = ObjectPanel(stage)
+        self.grasps = GraspPanel(stage, self.objects)
+        self.rejected = RejectedPanel(stage, self.objects)
+        self.surroundings = SurroundingsPanel(stage)
         self.objects.add_switches()
         self.update()
 

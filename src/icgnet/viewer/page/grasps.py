@@ -1,17 +1,15 @@
 """Grasps on the page: those that were found, by score, and those that were rejected, by reason."""
 
 from collections import Counter
-from collections.abc import Callable
 
 import numpy as np
-import viser
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
-from icgnet.inference.prediction import Prediction
 from icgnet.inference.rejections import REASONS
 from icgnet.viewer.describe import REASON_WORDS, best_per_object
 from icgnet.viewer.page.hands import Hands
 from icgnet.viewer.page.objects import ObjectPanel
+from icgnet.viewer.page.stage import Stage
 from icgnet.viewer.page.words import reason_legend
 from icgnet.viewer.palette import REASON_COLOURS, score_colours
 
@@ -24,15 +22,9 @@ REJECTED_OPACITY = 0.6
 class GraspPanel:
     """Which grasps are shown: a lowest score, so many of each object, and how hands are drawn."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        prediction: Prediction,
-        T_table_frame: Float[np.ndarray, "4 4"],
-        objects: ObjectPanel,
-        changed: Callable[[], None],
-    ) -> None:
-        gui, self._found = server.gui, len(prediction.grasps)
+    def __init__(self, stage: Stage, objects: ObjectPanel) -> None:
+        gui, prediction = stage.server.gui, stage.prediction
+        self._found = len(prediction.grasps)
         best = best_per_object(prediction.grasps, HANDS_PER_OBJECT)
         # At the start the threshold hides nothing, so that an unsure prediction does not look like an empty one.
         lowest = float(np.floor(20 * min(best.scores, default=0.0)) / 20)
@@ -41,13 +33,12 @@ class GraspPanel:
             self._count = gui.add_slider("Per object", 0, HANDS_PER_OBJECT, 1, SHOWN_AT_FIRST)
             self._whole = gui.add_checkbox("Whole hand", False)
             self._told = gui.add_markdown("")
-        for control in (self._threshold, self._count, self._whole):
-            control.on_update(lambda _: changed())
+        stage.watch(self._threshold, self._count, self._whole)
         self._rank = _ranks(best.instances)
         self.hands = Hands(
-            server,
+            stage.server,
             "hands",
-            best.transformed(T_table_frame),
+            best.transformed(stage.T_table_frame),
             prediction.gripper,
             score_colours(best.scores),
             None,
@@ -76,15 +67,9 @@ class GraspPanel:
 class RejectedPanel:
     """Whether rejected grasps are shown, and of which reason; as many of each object as of those that were found."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        prediction: Prediction,
-        T_table_frame: Float[np.ndarray, "4 4"],
-        objects: ObjectPanel,
-        changed: Callable[[], None],
-    ) -> None:
-        gui, dropped = server.gui, prediction.rejections
+    def __init__(self, stage: Stage, objects: ObjectPanel) -> None:
+        gui, prediction = stage.server.gui, stage.prediction
+        dropped = prediction.rejections
         self._reasons = dropped.reasons
         counts = {name: count for name, count in prediction.rejected.items() if count}
         kept = [name for name in REASONS if (dropped.reasons == REASONS.index(name)).any()]
@@ -95,13 +80,12 @@ class RejectedPanel:
             if not kept:
                 gui.add_markdown("none were saved; predict again" if counts else "none")
             self._legend = gui.add_html(reason_legend([(name, words) for words, name in self._words.items()]))
-        for control in (self._switch, self._reason):
-            control.on_update(lambda _: changed())
+        stage.watch(self._switch, self._reason)
         self._rank = _ranks(dropped.grasps.instances * len(REASONS) + dropped.reasons)
         self.hands = Hands(
-            server,
+            stage.server,
             "rejected",
-            dropped.grasps.transformed(T_table_frame),
+            dropped.grasps.transformed(stage.T_table_frame),
             prediction.gripper,
             np.array([REASON_COLOURS[REASONS[reason]] for reason in dropped.reasons]).reshape(-1, 3),
             REJECTED_OPACITY,

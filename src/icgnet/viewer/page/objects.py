@@ -1,6 +1,5 @@
 """Objects on the page: which one to look at, what is known of it, and the points, shapes and names of all."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +8,9 @@ from jaxtyping import Float
 
 from icgnet.geometry.transforms import transform_points
 from icgnet.grasping.grasps import Grasps
-from icgnet.inference.prediction import DetectedObject, Prediction
+from icgnet.inference.prediction import DetectedObject
 from icgnet.viewer.describe import object_top
+from icgnet.viewer.page.stage import Stage
 from icgnet.viewer.page.words import grasp_details, object_details, object_label, object_line, object_list
 from icgnet.viewer.palette import instance_colour, to_bytes
 
@@ -33,35 +33,22 @@ class _Parts:
 
 
 class ObjectPanel:
-    """The choice of an object and the text about it at the top; a folder of switches, closed, at the end.
+    """The choice of an object and the text about it at the top; a folder of switches, closed, at the end."""
 
-    Args:
-        server: of the page.
-        prediction: what was found.
-        T_table_frame: from the frame of the prediction to the scene's.
-        changed: called when something else is to be shown.
-    """
-
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        prediction: Prediction,
-        T_table_frame: Float[np.ndarray, "4 4"],
-        changed: Callable[[], None],
-    ) -> None:
-        self._server, self._prediction, self._changed = server, prediction, changed
-        self._T_table_frame = T_table_frame
+    def __init__(self, stage: Stage) -> None:
+        self._stage, self._prediction = stage, stage.prediction
+        gui, prediction = stage.server.gui, stage.prediction
         lines = [object_line(prediction, item) for item in prediction.objects]
         self._list = object_list(prediction)
-        self._choice = server.gui.add_dropdown("Object", [ALL, *lines], hint="or click an object in the scene")
-        self._text = server.gui.add_html(self._list)
-        self._choice.on_update(lambda _: changed())
+        self._choice = gui.add_dropdown("Object", [ALL, *lines], hint="or click an object in the scene")
+        self._text = gui.add_html(self._list)
+        stage.watch(self._choice)
         self._picked: tuple[Grasps, int, str | None] | None = None
         self._parts: dict[int, _Parts] = {}
 
     def add_switches(self) -> None:
         """Adds the objects to the scene, and the folder that hides them one by one."""
-        gui = self._server.gui
+        gui = self._stage.server.gui
         with gui.add_folder("Hide objects", expand_by_default=False):
             group = gui.add_button_group("Show", [EVERY, NONE])
             for item in self._prediction.objects:
@@ -80,7 +67,7 @@ class ObjectPanel:
     def choose(self, instance_id: int | None) -> None:
         """Looks at one object, or at all of them."""
         self._choice.value = ALL if instance_id is None else self._parts[instance_id].line
-        self._changed()
+        self._stage.changed()
 
     def pick(self, grasps: Grasps, g: int, reason: str | None) -> None:
         """Looks at one grasp and at its object.
@@ -118,16 +105,16 @@ class ObjectPanel:
     def _switch_all(self, on: bool) -> None:
         for parts in self._parts.values():
             parts.switch.value = on
-        self._changed()
+        self._stage.changed()
 
     def _add(self, item: DetectedObject) -> _Parts:
-        scene, key, colour = self._server.scene, item.instance_id, to_bytes(instance_colour(item.instance_id))
+        scene, key, colour = self._stage.server.scene, item.instance_id, to_bytes(instance_colour(item.instance_id))
         line, mesh = object_line(self._prediction, item), item.mesh()
-        switch = self._server.gui.add_checkbox(f"{key} {item.class_name}", True)
-        switch.on_update(lambda _: self._changed())
+        switch = self._stage.server.gui.add_checkbox(f"{key} {item.class_name}", True)
+        self._stage.watch(switch)
         shape = scene.add_mesh_simple(
             f"/shapes/{key}",
-            transform_points(self._T_table_frame, np.asarray(mesh.vertices)),
+            transform_points(self._stage.T_table_frame, np.asarray(mesh.vertices)),
             np.asarray(mesh.faces),
             color=colour,
             opacity=OPACITY,
@@ -138,13 +125,16 @@ class ObjectPanel:
             line,
             switch,
             add_points(
-                self._server, f"/points/{key}", transform_points(self._T_table_frame, item.points), instance_colour(key)
+                self._stage.server,
+                f"/points/{key}",
+                transform_points(self._stage.T_table_frame, item.points),
+                instance_colour(key),
             ),
             shape,
             scene.add_label(
                 f"/names/{key}",
                 object_label(self._prediction, item),
-                position=tuple(object_top(item, self._T_table_frame)),
+                position=tuple(object_top(item, self._stage.T_table_frame)),
                 anchor="bottom-center",
             ),
         )

@@ -1,6 +1,5 @@
 """What is around the objects on the page: the plane they stand on, points of no object, and the axes of the frame."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +8,9 @@ from jaxtyping import Float
 
 from icgnet.geometry.transforms import matrix_to_quaternion, transform_points
 from icgnet.geometry.workspace import TABLE_HEIGHT
-from icgnet.inference.prediction import NO_INSTANCE, Prediction, SupportPlane
+from icgnet.inference.prediction import NO_INSTANCE, SupportPlane
 from icgnet.viewer.page.objects import add_points
+from icgnet.viewer.page.stage import Stage
 from icgnet.viewer.palette import UNASSIGNED
 
 LARGEST_CLOUD = 60_000
@@ -43,13 +43,8 @@ class Patch:
 class SurroundingsPanel:
     """Switches for all that is not a grasp."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        prediction: Prediction,
-        T_table_frame: Float[np.ndarray, "4 4"],
-        changed: Callable[[], None],
-    ) -> None:
+    def __init__(self, stage: Stage) -> None:
+        server, prediction, T_table_frame = stage.server, stage.prediction, stage.T_table_frame
         gui, supports = server.gui, prediction.supports
         points = transform_points(T_table_frame, prediction.cloud.points)
         with gui.add_folder("Scene", expand_by_default=False):
@@ -61,11 +56,7 @@ class SurroundingsPanel:
             self._rivals = gui.add_checkbox("Rival planes", False, visible=len(supports) > 1)
             self._axes = gui.add_checkbox("Frame axes", True)
             gui.add_markdown(_told_of(supports))
-        for control in (
-            *(self._points, self._background, self._shapes, self._names),
-            *(self._plane, self._rivals, self._axes),
-        ):
-            control.on_update(lambda _: changed())
+        stage.watch(self._points, self._background, self._shapes, self._names, self._plane, self._rivals, self._axes)
 
         stray = points[prediction.cloud_instances == NO_INSTANCE]
         self._cloud = add_points(server, "/background", stray[:: max(1, -(-len(stray) // LARGEST_CLOUD))], UNASSIGNED)
