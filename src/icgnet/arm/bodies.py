@@ -123,7 +123,7 @@ def _background(
     if len(of_objects):
         distance = KDTree(of_objects).query(points, distance_upper_bound=NEAR)[0]
     beside, far = points[(distance > EDGE) & (distance < NEAR)], points[distance >= NEAR]
-    mesh = trimesh.util.concatenate([cubes_around(beside, NEAR_CELL), cubes_around(far, BACKGROUND_CELL)])
+    mesh = cubes_around(beside, NEAR_CELL) + cubes_around(far, BACKGROUND_CELL)
     return (CollisionBody(BACKGROUND, mesh, from_points=True),) if len(mesh.faces) else ()
 
 
