@@ -132,10 +132,11 @@ def reproduced() -> dict[str, list[str]]:
     """Folder of each result in the guide, and the words of its command."""
     found = {}
     for row in (guides.GUIDES / "reproduce.md").read_text().splitlines():
-        if match := re.fullmatch(r"\|[^|]*\| ([a-z]+-[\w-]*){([a-z]+),([a-z]+)}(\S+) \| `icgnet (.+)` \|", row):
-            start, first, second, end, line = match.groups()
+        if match := re.fullmatch(r"\|[^|]*\| ([a-z]+-[\w-]*){([a-z,]+)}(\S+) \| `icgnet (.+)` \|", row):
+            start, kinds, end, line = match.groups()
+            first = kinds.split(",")[0]
             assert f"--scene {first} " in line
-            for kind in (first, second):
+            for kind in kinds.split(","):
                 found[f"{start}{kind}{end}"] = shlex.split(line.replace(f"--scene {first} ", f"--scene {kind} "))
     return found
 

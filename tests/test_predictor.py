@@ -21,6 +21,7 @@ from icgnet.grasping.frame import APPROACH_ANGLES
 from icgnet.grasping.gripper import load_gripper
 from icgnet.inference.candidates import score_contacts
 from icgnet.inference.grasp_search import GraspSearch
+from icgnet.inference.instances import find_instances
 from icgnet.inference.prediction import FORMAT, NO_INSTANCE, Prediction
 from icgnet.inference.rejections import KEPT
 from icgnet.network.icgnet import IcgNet
@@ -468,8 +469,12 @@ def test_meshes_are_in_the_frame_of_the_result(in_world):
         assert (mesh.bounds[1] < item.points.max(axis=0) + 0.05).all()
 
 
-def test_the_rule_of_the_papers_robot_puts_the_highest_of_the_sure_ones_first(predictor, depth):
-    # Random weights: shifted up, so that some scores reach the ladder.
+def test_the_rule_of_the_papers_robot_puts_the_highest_of_the_sure_ones_first(predictor, depth, monkeypatch):
+    # Random weights: shifted up, and sure of what is an object, so that some scores reach the ladder.
+    def sure_of(*given):
+        return [replace(item, score=1.0) for item in find_instances(*given)]
+
+    monkeypatch.setattr("icgnet.predictor.find_instances", sure_of)
     sure = copy.deepcopy(predictor.network)
     with torch.no_grad():
         sure.affordance.success.bias += 2.0

@@ -55,7 +55,7 @@ COMMANDS = {
     "benchmark report": ("benchmark_report:Report", "Put the results of several benchmarks beside the published ones."),
     "study simulation": ("study:Simulation", "Scenes and grasps of the simulator beside the published ones."),
     "study hands": ("study:Hands", "How hands close on objects whose widths are known."),
-    "study grasp-scores": ("study:GraspScores", "What scores of grasps are worth on whole pictures."),
+    "study grasp-scores": ("study:GraspScores", "What scores are worth where they are used."),
     "study label-ceiling": ("study:LabelCeiling", "The best that scores of grasps can reach."),
     "study loader": ("study:Loader", "How many scenes a second one core makes ready for training."),
     "study sensor-noise": ("study:SensorNoise", "Noise and edges of real depth images beside simulated ones."),
